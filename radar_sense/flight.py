@@ -17,8 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from radar_sense import axis as axes
 from radar_sense.axis import Axis
+from radar_sense.covariance import symmetric_square_root
 from radar_sense.errors import InputError
 from radar_sense.model.geometry import orbit
+from radar_sense.model.track import square_root_in_frame
 from radar_sense.model.trajectory import Route, interpolate
 from radar_sense.states import ATTITUDE, FloatArray, real_array
 
@@ -52,6 +54,14 @@ class Geometry:
     def continuous(self) -> bool:
         """Whether the aircraft flies from pose to pose, so that there are poses between them."""
         return False
+
+    @property
+    def square_root(self) -> FloatArray:
+        """F (6, 6) or (n, 6, 6) with F Fᵀ = C_aa, for errors that are correlated along the flight.
+
+        F is continuous in C_aa, and symmetric but for units.
+        """
+        return symmetric_square_root(self.covariance)
 
     @property
     def coordinate(self) -> FloatArray:
@@ -187,6 +197,13 @@ class Path(Geometry):
     def coordinate(self) -> FloatArray:
         """Time of each pose (n,) [s]."""
         return self.time_s
+
+    @property
+    def square_root(self) -> FloatArray:
+        """As of `Geometry`, relative to north, east and down at the aircraft."""
+        if self.origin is None or self.covariance.ndim == 2:
+            return super().square_root
+        return square_root_in_frame(self.covariance, self.time_s, self.aircraft, self.origin)
 
     @property
     def route(self) -> Route:

@@ -9,7 +9,6 @@ import pytest
 
 import radar_sense as rs
 from radar_sense.covariance import checked
-from radar_sense.mission.looks import PoseProcess
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.propagation import METHODS
@@ -188,8 +187,6 @@ def test_a_matrix_that_is_no_covariance_is_an_error_of_every_computation():
             for call in everything(*states(), cov, cov_radar):
                 with pytest.raises(ValueError, match=f"^aircraft covariance{place} .*{message}"):
                     call()
-            with pytest.raises(ValueError, match=f"^aircraft covariance{place} .*{message}"):
-                PoseProcess.of(np.arange(float(POSES)), states()[0], cov, 1.0)
     for message, wrong in no_covariances(4):
         for call in everything(*states(), cov_aircraft, wrong):
             with pytest.raises(ValueError, match=f"^radar covariance .*{message}"):

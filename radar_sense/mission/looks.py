@@ -2,7 +2,7 @@
 
 The pose errors are a first-order Gauss-Markov process, see `montecarlo.gauss_markov`. The pose at
 time i is x̄_i + F_i u_i. The unit normals u_i have the covariance exp(−|t_i − t_j|/τ) I, and F_i is
-the symmetric square root of C_i, F_i F_iᵀ = C_i. All radars that look at one time see one pose.
+`Geometry.square_root`, F_i F_iᵀ = C_i. All radars that look at one time see one pose.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense import axis
-from radar_sense.covariance import checked, draws, symmetric_square_root
+from radar_sense.covariance import draws
 from radar_sense.errors import InputError
 from radar_sense.flight import Path
 from radar_sense.limits import MIN_RANGE
@@ -30,7 +30,7 @@ class PoseProcess:
 
     Attributes:
         aircraft: Nominal aircraft states (K, 6).
-        sqrt_cov: Symmetric square roots of C_aa (K, 6, 6).
+        sqrt_cov: F (K, 6, 6) with F Fᵀ = C_aa.
         rho: Correlation of each pose error with the next (K − 1,).
         innovation_std: √(1 − ρ²) (K − 1,).
     """
@@ -42,14 +42,13 @@ class PoseProcess:
 
     @classmethod
     def of(
-        cls, time: FloatArray, aircraft: FloatArray, cov: FloatArray, correlation_time: float
+        cls, time: FloatArray, aircraft: FloatArray, sqrt_cov: FloatArray, correlation_time: float
     ) -> PoseProcess:
-        """Make the process from times (K,), poses (K, 6), C_aa (6, 6) or (K, 6, 6), and τ [s].
+        """Make the process from times (K,), poses (K, 6), F (6, 6) or (K, 6, 6), and τ [s].
 
         Raises:
-            ValueError: If a matrix is no covariance, or τ is negative.
+            ValueError: If τ is negative.
         """
-        sqrt_cov = symmetric_square_root(checked("aircraft", cov))
         sqrt_cov = np.broadcast_to(sqrt_cov, (len(time), *sqrt_cov.shape[-2:]))
         return cls(aircraft, sqrt_cov, *successive_correlation(time, correlation_time))
 
@@ -110,7 +109,10 @@ class Looks:
             radars=tuple(single_radar_scenarios(scenario).values()) or (scenario,),
             times=tuple(schedule.times_of(i) for i in range(len(scenario.model.radars))),
             process=PoseProcess.of(
-                schedule.time, scenario.aircraft, scenario.cov_aircraft, scenario.correlation_s
+                schedule.time,
+                scenario.aircraft,
+                scenario.geometry.square_root,
+                scenario.correlation_s,
             ),
         )
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.constants import g as gravity
 
-from radar_sense.covariance import without_rounding
+from radar_sense.covariance import symmetric_square_root, without_rounding
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy
 from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray
@@ -192,16 +192,49 @@ def covariance_in_frame(
     Raises:
         InputError: If the nose points straight up or down in the axes that are turned to.
     """
+    found = np.array(np.broadcast_to(covariance, (len(time), *covariance.shape[-2:])))
+    for block, ends in _axes(aircraft, origin, back=back):
+        found[block] = _turned("geometry", time[block], found[block], *ends)
+    return without_rounding(found)
+
+
+def square_root_in_frame(
+    covariance: FloatArray, time: FloatArray, aircraft: FloatArray, origin: tuple[float, ...]
+) -> FloatArray:
+    """Return F (n, 6, 6) with F Fᵀ = C_aa in the frame of an origin, continuous from pose to pose.
+
+    F is the symmetric square root of the covariance at the aircraft, turned into the frame. Errors
+    that are correlated from pose to pose are then the same errors about any origin.
+
+    Args:
+        covariance: C_aa (n, 6, 6) in the frame of the origin.
+        time: As in `covariance_in_frame`.
+        aircraft: As in `covariance_in_frame`.
+        origin: As in `covariance_in_frame`.
+
+    Raises:
+        InputError: If the nose points straight up or down at the aircraft.
+    """
+    at_aircraft = covariance_in_frame(covariance, time, aircraft, origin, back=True)
+    root = symmetric_square_root(at_aircraft)
+    for block, ends in _axes(aircraft, origin, back=False):
+        root[block] = _jacobian("geometry", time[block], at_aircraft[block], *ends) @ root[block]
+    return root
+
+
+def _axes(
+    aircraft: FloatArray, origin: tuple[float, ...], *, back: bool
+) -> Iterator[tuple[slice, tuple[FloatArray, FloatArray, FloatArray]]]:
+    """Yield blocks of poses: attitudes (k, 3) before and after a turn, and the turns (k, 3, 3).
+
+    The turns lead from north, east and down at the aircraft to the frame of the origin, or back.
+    """
     place = geodesy.geodetic_from_ned(aircraft[:, POSITION], origin)
-    found = np.array(np.broadcast_to(covariance, (len(place), *covariance.shape[-2:])))
     for block in slices(len(place)):
         turn = geodesy.turn_to_origin(place[block], origin)
         in_frame, to_level = aircraft[block, ATTITUDE], np.swapaxes(turn, -1, -2)
-        ends = geodesy.turned_attitude(in_frame, to_level), in_frame, turn
-        if back:
-            ends = in_frame, ends[0], to_level
-        found[block] = _turned("geometry", time[block], found[block], *ends)
-    return without_rounding(found)
+        level = geodesy.turned_attitude(in_frame, to_level)
+        yield block, (in_frame, level, to_level) if back else (level, in_frame, turn)
 
 
 def _turned(
@@ -212,7 +245,37 @@ def _turned(
     turned: FloatArray,
     turn: FloatArray,
 ) -> FloatArray:
-    """Return C_aa (k, 6, 6) in other axes: attitudes (k, 3) before and after, turns (k, 3, 3)."""
+    """Return C_aa (k, 6, 6) in other axes; the arguments are those of `_jacobian`."""
+    jacobian = _jacobian(source, time, covariance, attitude, turned, turn)
+    covariance = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+    # A variance of 0 may round to a negative number.
+    certain = np.diagonal(covariance, axis1=-2, axis2=-1) <= 0
+    covariance[certain[:, :, np.newaxis] | certain[:, np.newaxis, :]] = 0.0
+    return covariance
+
+
+def _jacobian(
+    source: str,
+    time: FloatArray,
+    covariance: FloatArray,
+    attitude: FloatArray,
+    turned: FloatArray,
+    turn: FloatArray,
+) -> FloatArray:
+    """Return the partials (k, 6, 6) of the aircraft state in other axes by the state.
+
+    Args:
+        source: Name of the track in errors.
+        time: Time of each pose (k,) [s], for errors.
+        covariance: C_aa (k, 6, 6). The partials of an attitude without errors are 0.
+        attitude: Attitudes (k, 3) [rad] before the turn.
+        turned: Attitudes (k, 3) [rad] after the turn.
+        turn: Matrices (k, 3, 3) from the axes before to the axes after.
+
+    Raises:
+        InputError: If the nose points straight up or down after the turn.
+    """
     uncertain = np.any(covariance[:, ATTITUDE, ATTITUDE] != 0, axis=(-2, -1))
     steep = uncertain & (np.abs(turned[:, 1]) > np.pi / 2 - _STEEP)
     if steep.any():
@@ -226,12 +289,7 @@ def _turned(
     jacobian[uncertain, ATTITUDE, ATTITUDE] = geodesy.turned_attitude_jacobian(
         attitude[uncertain], turned[uncertain]
     )
-    covariance = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
-    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    # A variance of 0 may round to a negative number.
-    certain = np.diagonal(covariance, axis1=-2, axis2=-1) <= 0
-    covariance[certain[:, :, np.newaxis] | certain[:, np.newaxis, :]] = 0.0
-    return covariance
+    return jacobian
 
 
 def slices(count: int) -> Iterator[slice]:

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.covariance import symmetric_square_root
 from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.progress import report
@@ -106,7 +105,7 @@ def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
     poses, correlation, sqrt_cov = len(path.aircraft), None, None
     if path.correlation_s and path.time_s is not None:
         correlation = successive_correlation(path.time_s, path.correlation_s)
-        sqrt_cov = symmetric_square_root(path.cov_aircraft)
+        sqrt_cov = path.geometry.square_root
     sampler = Sampler(path.states(), sqrt_cov)
     size = max(1, _BLOCK // (poses * len(path.model.radars)))
     for block, start in enumerate(range(0, runs, size)):

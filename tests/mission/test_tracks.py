@@ -136,7 +136,7 @@ def test_the_mean_over_drawn_poses_is_that_of_correlated_normals(tau):
     aircraft[:, 0] = -0.5, -0.2, 0.1
     sigma, s, runs = 0.8, 0.5, 20_000
     rng = np.random.default_rng(3)
-    process = PoseProcess.of(time, aircraft, np.diag([sigma**2, 0, 0, 0, 0, 0]), tau)
+    process = PoseProcess.of(time, aircraft, np.diag([sigma, 0, 0, 0, 0, 0]), tau)
     poses = process.poses(rng.standard_normal((3, 6, runs)))
     p_d = ndtr(poses[..., 0] + s * rng.standard_normal(runs))  # an error that all looks share
     detection, track = events([p_d], 2, 2)
@@ -161,8 +161,7 @@ def test_draws_of_poses_have_the_covariance_that_was_asked_for():
     time = np.array([0.0, 2.0, 7.0])
     cov = np.stack([random_covariance(rng, [3, 2, 1, 0.1, 0.2, 0.3]) for _ in time])
     runs = 20_000
-    process = PoseProcess.of(time, np.zeros((3, 6)), cov, 4.0)
-    np.testing.assert_array_equal(process.sqrt_cov, symmetric_square_root(cov))
+    process = PoseProcess.of(time, np.zeros((3, 6)), symmetric_square_root(cov), 4.0)
     states = process.poses(rng.standard_normal((3, 6, runs)))
     root = [np.diag(s) @ np.real(sqrtm(c / np.outer(s, s)))
             for c, s in ((c, np.sqrt(np.diag(c))) for c in cov)]  # fmt: skip

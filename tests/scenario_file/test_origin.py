@@ -13,6 +13,7 @@ from helpers import single, with_arrays
 import radar_sense as rs
 from radar_sense.coverage.grid import Grid, p_d_in_cells
 from radar_sense.model.trajectory import resample
+from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.plausibility import plausibility_warnings
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.route_file import load_route
@@ -81,6 +82,7 @@ def written(folder, radars, rows, origin, *, stds="", interpolate=None, **uncert
                 "constant": 1.0,
                 "p_fa": 1e-6,
                 "horizon": True,
+                "scan_period_s": 20,
                 "uncertainty": {"a": {"position_m": [3000, 900, 30], "constant": 0.1}},
             }
             for i, place in enumerate(radars)
@@ -197,6 +199,33 @@ def test_the_origin_changes_nothing_between_rows(by_row, given, interpolate, tmp
         for std, expected in zip(other, found[0], strict=True):
             np.testing.assert_allclose(std, expected, rtol=1e-5)
     assert np.ptp(found[0][1]) > 0.2 * np.max(found[0][1])
+
+
+@pytest.mark.parametrize("correlation", [0.0, 60.0, math.inf])
+def test_the_origin_changes_no_mission(correlation, tmp_path):
+    """An error of yaw, known worse than level, stays an error of yaw while the aircraft turns."""
+    rows = [(0, 50, 10, 3000, 0, 0, -70), (100, 50.1, 10, 3000, 0, 0, 80)]
+    found = []
+    for origin in ((50, 10, 0), (54, 10, 0), (50, 17, 0)):
+        s = written(
+            tmp_path,
+            [(51.3, 11.3, 100)],
+            rows,
+            origin,
+            stds=",roll_deg,pitch_deg,yaw_deg",
+            aircraft={"position_m": 10, "attitude_deg": [0.1, 0.1, 5]},
+            aircraft_correlation_s=correlation,
+        )
+        s = with_arrays(s, cov_radar={"a": np.zeros((4, 4))})
+        table = rs.analyses.mission(s).table
+        between = s.along(s.geometry.at(np.linspace(0.0, 100.0, 11)))
+        limit = 1.01 * np.max(s.model.p_d(between.aircraft, s.radar))
+        anywhere = exceedance(between, limit, 20_000).anywhere / 20_000
+        found.append([*(table[f"{end}_3sigma"][-1] for end in ("lower", "upper")), anywhere])
+    *bounds, anywhere = np.transpose(found)
+    np.testing.assert_allclose(bounds, np.tile(np.transpose(bounds)[0], (3, 1)).T, rtol=2e-3)
+    np.testing.assert_allclose(anywhere, anywhere[0], atol=0.003)
+    assert 0.02 < anywhere[0] < 0.9
 
 
 @pytest.mark.parametrize(
