@@ -118,7 +118,8 @@ def some_poses(patch, count=5):
         read = load_scenario(path, changes)
         return read.at_poses(slice(0, None, max(1, len(read.axis) // (count - 1))))
 
-    for name in ("radar_sense.scenario_file.load.load_scenario", "radar_sense.load_scenario"):
+    # the public name first, because it is looked up in the module that has it
+    for name in ("radar_sense.load_scenario", "radar_sense.scenario_file.load.load_scenario"):
         patch.setattr(name, few)
 
 

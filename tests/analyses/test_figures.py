@@ -54,8 +54,9 @@ LAYOUTS = [
     (analysis, kind)
     for analysis in ALL
     for kind in SCENARIOS
-    if (kind not in ("long names", "many levels") or analysis in ("sensitivity", "compare"))
-    and (kind != "backwards" or analysis in ("variance", "validate"))
+    if (kind not in ("long names", "many levels") or analysis == "sensitivity")
+    and (kind != "backwards" or analysis == "variance")
+    and (kind != "no uncertainty" or analysis in ("budget", "montecarlo", "validate"))
 ]
 
 
@@ -174,7 +175,7 @@ def many_lines(of):
 
 
 @pytest.mark.parametrize(
-    ("of", "style"), [*(("radars", style) for style in plotting.STYLES), ("levels", "one-column")]
+    ("of", "style"), [("radars", "one-column"), ("radars", "slides"), ("levels", "one-column")]
 )
 def test_many_lines_are_told_apart(of, style):
     """Every line has a style of its own, and its name in a legend of a quarter of the height."""
@@ -199,7 +200,7 @@ def map_of_many_radars():
     )
 
 
-@pytest.mark.parametrize("style", plotting.STYLES)
+@pytest.mark.parametrize("style", ["one-column", "slides"])
 def test_names_on_a_map_are_on_the_map(style):
     figure = lay_out(map_of_many_radars().plot(style))
     axes, bar = figure.axes
@@ -273,7 +274,7 @@ def test_style_of_the_saved_figure_and_only_of_the_figure(tmp_path):
     assert not (tmp_path / "paper_budget.csv").exists()
 
 
-@pytest.mark.parametrize("p_fa", [0.99, 1e-2, 1.7e-4, 2e-12, 1e-100])
+@pytest.mark.parametrize("p_fa", [0.99, 1.7e-4, 1e-100])
 def test_layout_of_detectors(p_fa, monkeypatch):
     """Labels lie on the axes, not on each other, and not on the data."""
     # The figure has no required signal-to-noise ratios, which take most of the time.
@@ -434,7 +435,7 @@ def test_many_runs_of_many_poses_make_a_picture_of_the_same_size():
     assert len(shapes) == 1
 
 
-@pytest.mark.parametrize("name", [*ALL, "map", *POLAR])
+@pytest.mark.parametrize("name", ["budget", "montecarlo", "map", *POLAR])
 def test_axes_of_ones_own(name):
     """The figure has what `plot()` draws, on these axes and no others but colour bars."""
     analysis, kinds = POLAR.get(name, (ALL.get(name, analyses.map), None))

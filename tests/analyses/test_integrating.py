@@ -8,6 +8,7 @@ import pytest
 import yaml
 from helpers import (
     document,
+    few_draws,
     scenario,
     with_arrays,
     yaml_text,
@@ -68,8 +69,8 @@ def test_gradient_of_the_model(detector, constant):
 
 @pytest.mark.parametrize(
     "command",
-    ["variance --method probit", "variance --method form", "budget --method form", "sensitivity",
-     "compare --runs 64", "montecarlo --runs 64 --sampler sobol", "convergence --runs 16",
+    ["variance --method probit", "budget --method form", "sensitivity", "compare --runs 64",
+      "montecarlo --runs 64 --sampler sobol", "convergence --runs 16",
      "map --step-km 200 --upper --method form"],
 )  # fmt: skip
 def test_every_command(tool, command):
@@ -123,7 +124,7 @@ def test_detectors_of_two_radars():
             assert_allclose(found[1:-1], slope[1:-1], rtol=0, atol=3e-3 * slope.max())
 
 
-def test_networks_and_missions():
+def test_networks_and_missions(monkeypatch):
     """If one radar of a network integrates, only its P_D changes. A mission has the new P_D."""
     plain = rs.load_scenario(ROOT / "configs/network.yaml").at_poses(slice(0, None, 40))
     radars = list(plain.model.radars)
@@ -149,6 +150,7 @@ def test_networks_and_missions():
     four = rs.DetectionModel(radar.model.rcs, radar.model.p_fa, rs.Swerling2(pulses=4))
     network = rs.NetworkModel((dataclasses.replace(radar, model=four),))
     flown = with_arrays(mission, model=network).with_analysis(runs=64)
+    few_draws(monkeypatch)
     looks = rs.analyses.mission(flown).table["p_d"]
     p_d = flown.model.p_d(flown.aircraft, flown.radar)
     assert len(looks) > 5

@@ -78,7 +78,7 @@ def test_constants_are_made_of_what_a_radar_is_made_of():
     assert_array_equal(s.radar_states[:, 3], [alone.radar[3], 160])
 
 
-@pytest.mark.parametrize("count", [1, 2, 16])
+@pytest.mark.parametrize("count", [1, 3])
 def test_a_network_reads_back(tool, count):
     limits = {"horizon": True, "max_range_km": 700, "scan_period_s": 4}
     # on a mountain, because from the ground the paper's aircraft is below the horizon
@@ -149,41 +149,30 @@ def test_a_route_with_deviations_needs_no_uncertainty_of_the_aircraft(tmp_path):
 # Refused keys.
 
 
-@pytest.mark.parametrize("key", ["name", "position_m", "p_fa", "constant", "uncertainty"])
-def test_missing_key(tool, key):
-    path, complaint, _ = refused(tool, radar_entry("a"), radar_entry("b", **{key: None}))
-    assert path == "radars[2]"
-    assert f"'{key}'" in complaint
-
-
 @pytest.mark.parametrize(
-    ("key", "value", "allowed"),
+    ("changes", "path", "says", "line"),
     [
-        ("horizon", "tru", "did you mean 'true'?"),
-        ("name", "a b", "must be the name of a radar, up to 40 letters A to Z"),
-        ("name", "x" * 41, "must be the name of a radar, up to 40 letters A to Z"),
-        ("name", [], "must be the name of a radar, up to 40 letters A to Z"),
-        ("name", "../a", "must be the name of a radar, up to 40 letters A to Z"),
-        ("name", "a", "must be a name that no other radar has, got 'a'"),
-        ("name", "total", "'total' would mean two things"),
-        ("name", "a_position", "'a_position' would mean two things"),
-        ("name", "error_a", "'error_a' would mean two things"),
-        ("name", "error_interaction", "'error_interaction' would mean two things"),
-        ("uncertainty", {}, "needs at least one level of uncertainty"),
-        ("uncertainty", 3, "must be a mapping"),
+        *(({key: None}, "radars[2]", f"'{key}'", "")
+          for key in ("name", "position_m", "p_fa", "constant", "uncertainty")),
+        ({"horizon": "tru"}, "radars[2].horizon", "did you mean 'true'?", "horizon: tru"),
+        ({"name": "a b"}, "radars[2].name", "must be the name of a radar, up to 40 letters A", ""),
+        ({"name": "x" * 41}, "radars[2].name", "must be the name of a radar, up to 40 let", ""),
+        ({"name": []}, "radars[2].name", "must be the name of a radar, up to 40 letters A", ""),
+        ({"name": "a"}, "radars[2].name", "must be a name that no other radar has, got 'a'", ""),
+        ({"name": "total"}, "radars[2].name", "'total' would mean two things", "- name: total"),
+        ({"name": "a_position"}, "radars[2].name", "'a_position' would mean two things", ""),
+        ({"name": "error_a"}, "radars[2].name", "'error_a' would mean two things", ""),
+        ({"name": "error_interaction"}, "radars[2].name", "'error_interaction' would mean two", ""),
+        ({"uncertainty": {}}, "radars[2].uncertainty", "needs at least one level of uncert", ""),
+        ({"uncertainty": 3}, "radars[2].uncertainty", "must be a mapping", "uncertainty: 3"),
+        ({"max_range_m": 5}, "radars[2]", "did you mean 'max_range_km'?", "max_range_m: 5"),
     ],
-)
-def test_values_that_are_not_allowed(tool, key, value, allowed):
-    path, complaint, line = refused(tool, radar_entry("a"), radar_entry("b", **{key: value}))
-    assert path == f"radars[2].{key}"
-    assert allowed in complaint
-    assert line.startswith((key, "-"))
-
-
-def test_unknown_key_with_a_suggestion(tool):
-    path, complaint, line = refused(tool, radar_entry("a"), radar_entry("b", max_range_m=5))
-    assert (path, line) == ("radars[2]", "max_range_m: 5")
-    assert complaint.endswith("did you mean 'max_range_km'?")
+)  # fmt: skip
+def test_a_radar_that_is_refused(tool, changes, path, says, line):
+    where, complaint, named = refused(tool, radar_entry("a"), radar_entry("b", **changes))
+    assert where == path
+    assert says in complaint
+    assert named == line or not line
 
 
 def test_a_single_radar_has_no_name(tool):
@@ -228,7 +217,7 @@ def test_limits_of_a_single_radar_are_the_limits_of_a_network_of_one(limits, hid
     assert one.resolved()["radar"].get("horizon", False) == limits.get("horizon", False)
 
 
-@pytest.mark.parametrize("value", [[], None, {}, 5, {"a": 1}])
+@pytest.mark.parametrize("value", [[], None, {"a": 1}])
 def test_not_a_list_of_radars(tool, value):
     text = yaml_text({**network_document(), "radars": value})
     _, path, complaint = place(refusal(tool, text))
@@ -241,7 +230,7 @@ def test_too_many_radars(tool):
     assert (path, complaint) == ("radars", "has 65 entries, allowed are 64")
 
 
-@pytest.mark.parametrize("value", [5, "a", [1], None])
+@pytest.mark.parametrize("value", [5, [1], None])
 def test_a_radar_that_is_no_mapping(tool, value):
     path, complaint, _ = refused(tool, radar_entry("a"), value)
     assert path == "radars[2]"
@@ -315,14 +304,11 @@ def test_parts_of_a_radar_constant_are_those_of_each_radar(tool):
     assert "in place of radar.constant" in complaint
 
 
-def test_every_radar_is_kept_clear_of_the_aircraft(tool):
+def test_every_radar_is_clear_of_the_aircraft_and_within_an_rcs_table(tool):
     below = radar_entry("b", position_m=[0, 500e3, -3000.5])
     path, complaint, _ = refused(tool, radar_entry("a"), below)
     assert path == "geometry"
     assert complaint.startswith("the aircraft is on top of radar 'b' at azimuth 0 deg, slant range")
-
-
-def test_every_radar_is_within_an_rcs_table(tool):
     rows = [f"{a},{e},0.1" for e in (-10, 10) for a in (-180, -90, 0, 90)]
     write("azimuth_deg,elevation_deg,rcs_m2\n" + "\n".join(rows) + "\n", "rcs.csv")
     aircraft = {"rcs": {"model": "table", "file": "rcs.csv"}, "attitude_deg": [0, 0, 90]}

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
+    PAPER,
     cov_by_level,
     document,
     stds_of,
@@ -28,7 +29,6 @@ from radar_sense.montecarlo.adaptive import judge
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import propagate_scenario
-from radar_sense.scenario_file import table_file
 from radar_sense.sources import error_budget
 from radar_sense.words import describe_extreme as at
 from radar_sense.words import describe_poses, peak
@@ -52,8 +52,6 @@ UNCERTAIN = f"""{HEADER},{STD}
 1000,350e3,0,-9000,1000,20,30,1,2,0.1
 1500,350e3,100e3,-9000,0,0,0,0,0,0
 """
-#: The same with correlations that differ from pose to pose, but none between position and attitude.
-STD_OF_POSE = np.array([[10, 20, 30, 1, 2, 3], [200, 100, 50, 2, 1, 2], [0, 30, 30, 1, 1, 0]])
 
 
 def load(folder, text=ROUTE, **changes):
@@ -92,19 +90,17 @@ def orbit_route(aircraft, theta, std=None):
 
 @pytest.mark.parametrize("std", [None, "10,10,10,1,1,1"])
 @pytest.mark.parametrize(
-    ("step", "analyse"),
+    "analyse",
     [
-        (1, analyses.variance),
-        (1, analyses.sensitivity),
-        (1, analyses.budget),
-        (3, lambda s: analyses.budget(s, target=0.05, at=45)),
-        (6, lambda s: analyses.budget(s.with_analysis(runs=64), method="montecarlo")),
-        (1, lambda s: analyses.montecarlo(s.with_analysis(runs=40))),
-        (6, lambda s: analyses.variance(s, method="form")),
+        analyses.sensitivity,
+        lambda s: analyses.budget(s, target=0.05, at=45),
+        lambda s: analyses.budget(s.with_analysis(runs=64), method="montecarlo"),
+        lambda s: analyses.montecarlo(s.with_analysis(runs=40)),
+        lambda s: analyses.variance(s, method="form"),
     ],
 )
-def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std, step, analyse):
-    orbit = rs.load_scenario().at_poses(slice(None, None, step))
+def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std, analyse):
+    orbit = rs.load_scenario().at_poses(slice(None, None, 3))
     path = load(tmp_path, orbit_route(orbit.aircraft, orbit.axis.values, std), radar__constant=167)
     assert path.cov_aircraft.ndim == (3 if std else 2)
     expected, found = analyse(orbit), analyse(path)
@@ -115,17 +111,6 @@ def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std,
     assert new_names == ["time_s", *names[1:]]
     for old, new in zip(names, new_names, strict=True):
         assert expected.table[old].tobytes() == found.table[new].tobytes()
-
-
-def test_validate_gives_the_same_verdict_too(tmp_path):
-    orbit = rs.load_scenario().at_poses(slice(3, 5))
-    text = orbit_route(orbit.aircraft, orbit.axis.values, "10,10,10,1,1,1")
-    expected, found = (
-        judge(s.states(), propagate_scenario(s, method="linear"), digits=1)
-        for s in (orbit, load(tmp_path, text, radar__constant=167))
-    )
-    assert (expected.drawn == found.drawn).all()
-    assert (expected.draws == found.draws).all()
 
 
 # One covariance for each pose.
@@ -260,21 +245,6 @@ def test_the_axis_may_be_the_distance_flown(tmp_path):
     assert "distance_m" in result.summary["highest_p_d"]
 
 
-def test_latitude_and_longitude_are_about_the_origin(tmp_path):
-    text = (
-        "time_s,latitude_deg,longitude_deg,altitude_m\n"
-        "0,47,8,10000\n600,47,9,10000\n1200,47.5,9.5,10000\n"
-    )
-    place = {"latitude_deg": 47, "longitude_deg": 8.5, "altitude_m": 400}
-    s = load(tmp_path, text, geometry__origin=place, radar__position_m=[0, 0, 0])
-    # both ends of the parallel are 38.1 km from its middle, where the level has dropped by d²/2R
-    assert s.aircraft[0, 1] == pytest.approx(-s.aircraft[1, 1])
-    assert s.aircraft[1, 1] == pytest.approx(38.1e3, rel=2e-3)
-    assert s.aircraft[1, 2] == pytest.approx(-9600 + 38.1e3**2 / (2 * 6.38e6), abs=2)
-    with pytest.raises(InputError, match=r"route\.csv:1: latitude and longitude need the"):
-        load(tmp_path, text)
-
-
 GEODETIC = (
     "time_s,latitude_deg,longitude_deg,altitude_m\n"
     "0,47,8,10000\n600,47,9,10000\n1200,47.5,9.5,10000\n"
@@ -355,15 +325,6 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
     assert again.radar.tolist() == s.radar.tolist()
 
 
-def test_check_prints_a_place_that_reads_back(tool, tmp_path):
-    radar = {"position_geodetic": ALPS, "constant": 50, "p_fa": 1e-6}
-    file = write_path(tmp_path, GEODETIC, geometry__origin=ORIGIN, radar=radar)
-    printed = tool("check", file).out
-    (tmp_path / "again.yaml").write_text(printed)
-    assert tool("check", tmp_path / "again.yaml").out == printed
-    assert rs.parse_scenario(printed).radar.tolist() == rs.load_scenario(file).radar.tolist()
-
-
 def _without(key):
     return {k: v for k, v in ALPS.items() if k != key}
 
@@ -371,6 +332,8 @@ def _without(key):
 @pytest.mark.parametrize(
     ("place", "changes", "says"),
     [
+        (ALPS, {"geometry": PAPER["geometry"], "aircraft__attitude_deg": [0, 0, 0],
+                "uncertainty__aircraft": PAPER["uncertainty"]["aircraft"]}, "needs a path"),
         (ALPS, {"geometry__origin": None}, "radar.position_geodetic: needs a path whose route is"),
         (ALPS, {"radar__position_m": [0, 0, 0]}, "position_m: stands beside 'position_geodetic'"),
         ({**ALPS, "latitude_deg": 91}, {}, "position_geodetic.latitude_deg: must be .* 90, got 91"),
@@ -381,8 +344,8 @@ def _without(key):
         ([46, 8, 3], {}, "position_geodetic: must be a mapping"),
         ({"latitude_deg": 47, "longitude_deg": 9, "altitude_m": 10e3}, {}, "on top of the radar"),
     ],
-)
-def test_places_that_are_refused(tool, tmp_path, place, changes, says):
+)  # fmt: skip
+def test_places_that_are_refused(tmp_path, place, changes, says):
     radar = {"position_geodetic": place, "constant": 50, "p_fa": 1e-6}
     text = GEODETIC
     changes = {"radar": radar, "geometry__origin": ORIGIN, **changes}
@@ -392,17 +355,6 @@ def test_places_that_are_refused(tool, tmp_path, place, changes, says):
     file = write_path(tmp_path, text, **changes)
     with pytest.raises(InputError, match=says.replace("?", r"\?")):
         rs.load_scenario(file)
-    done = tool("variance", file)
-    assert (done.code, done.err.count("\n")) == (2, 1)
-    assert not (tmp_path / "figures").exists()
-
-
-def test_an_orbit_has_no_origin_for_a_place(tool):
-    content = document()
-    content["radar"]["position_geodetic"] = ALPS
-    del content["radar"]["position_m"]
-    with pytest.raises(InputError, match=r"radar\.position_geodetic: needs a path"):
-        rs.parse_scenario(yaml.safe_dump(content))
 
 
 def test_a_resolved_path_reads_back_from_anywhere(tmp_path):
@@ -532,25 +484,12 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("text", "changes", "says"), REFUSED)
-def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
+def test_bad_paths_are_refused_in_one_line(tmp_path, text, changes, says):
     file = write_path(tmp_path, text, **changes)
-    done = tool("variance", file)
-    assert done.code == 2
-    assert done.err.count("\n") == 1
-    assert "scenario.yaml:" in done.err or "route.csv" in done.err
-    with pytest.raises(InputError, match=says.replace("?", r"\?")):
+    with pytest.raises(InputError, match=says.replace("?", r"\?")) as refused:
         rs.load_scenario(file)
-    assert not (tmp_path / "figures").exists()
-
-
-def test_a_file_without_end_is_not_read_to_its_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
-    file = write_path(tmp_path, ROUTE + "#" * 2**20)
-    with pytest.raises(InputError, match=r"geometry\.file: .*route\.csv: is larger than 1 MiB"):
-        rs.load_scenario(file)
-    if Path("/dev/zero").exists():
-        with pytest.raises(InputError, match="/dev/zero: is not a regular file"):
-            load(tmp_path, ROUTE, geometry__file="/dev/zero")
+    assert "\n" not in str(refused.value)
+    assert "scenario.yaml:" in str(refused.value) or "route.csv" in str(refused.value)
 
 
 def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
@@ -566,7 +505,7 @@ def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
 
 def test_the_command_line_names_poses_by_time(tool, tmp_path):
     file = write_path(tmp_path, UNCERTAIN)
-    done = tool("budget", file, "--target", 0.05, "--at", 1000)
+    done = tool("budget", file, "--target", 0.05, "--at", 1000, "--no-plot")
     assert done.code == 0
     assert "at 1000 s" in done.out
     record = json.loads((tmp_path / "figures/paper_budget.json").read_text())
@@ -611,7 +550,6 @@ LABELS = [
     ("time", 30 * 3600, "Time [s]", 1),  # as in the sentences and in the tables
     ("time", 239, "Time [s]", 1),
     ("distance", 4000, "Distance flown [km]", 1000),
-    ("distance", 3999, "Distance flown [m]", 1),
 ]
 
 

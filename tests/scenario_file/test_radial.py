@@ -87,7 +87,7 @@ def test_the_greatest_p_d_between_two_ranges_is_found():
         "radar.position_m": [62_500, 108_253, -9_000],
         "radar.max_range_km": 2.0,
     }
-    s = radial(changes)
+    s = radial(changes, range_km={"start": 100, "stop": 150, "step": 50})
     assert s.model.p_d(s.aircraft, s.radar).max() == 0
     result = analyses.variance(s, threshold=0.5)
     assert result.report[0].startswith("VIOLATED at 12")

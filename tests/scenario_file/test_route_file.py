@@ -255,9 +255,7 @@ IDENTITY = ",".join("1" if i == j else "0" for i, j in UPPER)
 
 REFUSED = {
     "empty": ("", "route.csv: is empty; the first line must name the columns"),
-    "comments only": ("# a\n#b\n\n", "route.csv: is empty"),
     "no rows": (f"{HEAD}\n# none\n", "route.csv: has no rows"),
-    "header without newline": (HEAD, "route.csv: has no rows"),
     "one row": (f"{HEAD}\n0,0,0,0\n", "route.csv: has 1 row; attitude from the track needs 2"),
     "not utf-8": (b"time_s,\xff\n", "route.csv:1: is not UTF-8 text: byte 0xff"),
     "not utf-8 below": (
@@ -266,14 +264,10 @@ REFUSED = {
     ),
     "zero bytes": (bytes(100), "route.csv:1: is not text: it has a zero byte"),
     "a long line": (b"x" * 100_000, "route.csv:1: is longer than 65536 bytes"),
-    "no header": ("1,2,3,4\n", "names none of the columns"),
-    "tabs": (SIMPLE.replace(",", "\t"), "columns are separated by commas or semicolons"),
     "unknown": (
         SIMPLE.replace("north", "nort"),
         "route.csv:1: unknown column 'nort_m', allowed: time_s or speed_m_s; ",
     ),
-    "did you mean": (SIMPLE.replace("north", "nort"), "did you mean 'north_m'?"),
-    "duplicate": (f"# a\n{HEAD},time_s\n", "route.csv:2: duplicate column 'time_s'"),
     "no time": (
         "north_m,east_m,down_m\n0,0,0\n1,0,0\n",
         "route.csv:1: has no times; waypoints without times need a speed, geometry.speed_m_s or",
@@ -302,23 +296,7 @@ REFUSED = {
     "lower triangle": (f"{HEAD},cov_east_north_m2\n", "did you mean 'cov_"),
     "text": (f"{HEAD}\n0,0,0,0\n1,x,0,0\n", "route.csv:3: north_m: must be a number"),
     "nothing": (f"{HEAD}\n0,,0,0\n", "route.csv:2: north_m: must be a number not less than"),
-    "nothing said": (f"{HEAD}\n0,,0,0\n", "got nothing"),
-    "nan": (f"{HEAD}\n0,0,0,0\n\n1,0,NaN,0\n", "route.csv:4: east_m: must be finite, got NaN"),
     "inf": (f"{HEAD}\n0,0,-inf,0\n", "route.csv:2: east_m: must be finite, got -inf"),
-    "overflow": (f"{HEAD}\n0,0,0,0\n1,0,0,1e999\n", "route.csv:3: down_m: must be a number"),
-    "hexadecimal": (f"{HEAD}\n0,0x10,0,0\n", "route.csv:2: north_m: must be a number"),
-    "underscores": (f"{HEAD}\n0,1_0,0,0\n", "got '1_0'"),
-    "other digits": (f"{HEAD}\n0,١,0,0\n", "route.csv:2: north_m: must be a number"),
-    "open quote": (f'{HEAD}\n0,"1,0,0\n', "route.csv:2: is not valid CSV: "),
-    "too few": (
-        f"{HEAD}\n0,0,0,0\n1,0,0\n",
-        "route.csv:3: must have 4 values, one for each column, got 3",
-    ),
-    "too few all along": (f"{HEAD}\n0,0,0\n1,0,0\n", "route.csv:2: must have 4 values"),
-    "too many": (
-        f"{HEAD}\n0,0,0,0,5\n",
-        "route.csv:2: must have 4 values, one for each column, got 5",
-    ),
     "far": (
         f"{HEAD}\n0,0,0,0\n1,2e8,0,0\n",
         "route.csv:3: north_m: must be a number not less than -1e+08 and not greater than 1e+08, "
@@ -332,14 +310,11 @@ REFUSED = {
         f"{HEAD}\n0,0,0,0\n5e-10,1,1,1\n",
         "must be later than 0.0, the time of the row before, by 1e-09 s or more, got 5e-10",
     ),
-    "time still": (f"{HEAD}\n0,0,0,0\n0,1,1,1\n", "route.csv:3: time_s: must be later than 0.0"),
     "latitude 91": (
         f"{GEO}\n0,0,0,0\n1,91,0,0\n",
         "route.csv:3: latitude_deg: must be a number not less than -90 and not greater than 90, "
         "got 91",
     ),
-    "longitude": (f"{GEO}\n0,0,-180.5,0\n", "route.csv:2: longitude_deg: must be"),
-    "underground": (f"{GEO}\n0,0,0,-20000\n", "route.csv:2: altitude_m: must be"),
     "no origin": (f"{GEO}\n0,0,0,0\n", "route.csv:1: latitude and longitude need the or"),
     "pitch": (
         f"{HEAD},roll_deg,pitch_deg,yaw_deg\n0,0,0,0,0,90.1,0\n",
@@ -400,15 +375,7 @@ def test_too_many_rows_and_too_large_a_file(monkeypatch):
         load("\n" + SIMPLE + "3,300,0,0\n")
     monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
     with pytest.raises(InputError, match="is larger than 1 MiB"):
-        load(SIMPLE + "#\n" * 2**19)
-
-
-def test_files_that_cannot_be_read(tmp_path):
-    for name, says in ((tmp_path / "no.csv", "cannot be read"), (tmp_path, "is a directory")):
-        with pytest.raises(InputError, match=says):
-            load_route(name)
-    with pytest.raises(InputError, match="cannot be read"):
-        load_route("a\0b")
+        load(SIMPLE + f"#{'x' * 2**15}\n" * 32)
 
 
 def test_the_first_bad_covariance_is_named_among_good_ones():
@@ -447,15 +414,6 @@ def path(tmp_path_factory):
     return tmp_path_factory.mktemp("fuzz") / "route.csv"
 
 
-@given(content=st.binary(max_size=200))
-@settings(max_examples=150, deadline=None)
-def test_any_bytes(path, content):
-    path.write_bytes(content)
-    outcome(path)
-    path.write_bytes(f"{HEAD}\n0,0,0,0\n1,9,9,9\n".encode() + content)
-    outcome(path)
-
-
 CELLS = st.one_of(
     st.floats(allow_nan=True, allow_infinity=True).map(repr),
     st.floats(-100, 100).map(repr),
@@ -490,7 +448,7 @@ def tables(draw):
 
 
 @given(table=tables(), step=st.sampled_from([0.1, 0.7, 1.0, 5.0]))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_any_table(path, table, step):
     columns, text = table
     path.write_text(text)
