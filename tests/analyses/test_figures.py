@@ -308,14 +308,13 @@ def test_layout_of_detectors(p_fa, monkeypatch):
         assert len(styles) == len(lines)
 
 
-@pytest.mark.parametrize("analysis", ["budget", "sensitivity"])
-def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
-    (axes,) = ALL[analysis](load_scenario()).plot().axes
+def test_lines_differ_in_dashes_and_not_only_in_colour():
+    (axes,) = analyses.budget(load_scenario()).plot().axes
     colours = [line.get_color() for line in axes.lines]
     styles = [
         (dashes(line), colour == "black") for line, colour in zip(axes.lines, colours, strict=True)
     ]
-    assert len(axes.lines) == (5 if analysis == "budget" else 3)
+    assert len(axes.lines) == 5
     assert len(set(styles)) == len(styles)
     assert len(set(colours)) == len(colours)
 

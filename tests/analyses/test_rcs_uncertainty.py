@@ -5,12 +5,10 @@ One factor holds for all radars and all looks. A network or a mission draws this
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 import yaml
-from helpers import cov_by_level, document, shares_of, target_in_the_north, with_arrays, yaml_text
+from helpers import document, target_in_the_north, with_arrays, yaml_text
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
@@ -150,17 +148,6 @@ def test_the_budget_has_a_source_of_its_own_after_the_fixed_columns():
     assert several.summary["dominant"] == "aircraft_rcs"
 
 
-def test_indices_are_linear_shares_where_p_d_is_nearly_linear():
-    s = parsed(decibels=0.3)
-    small = {"one": 0.04 * cov_by_level(s)["one"]}
-    s = with_arrays(s, cov_radar=small, cov_aircraft=0.04 * s.cov_aircraft)
-    found, linear = error_budget(s, "montecarlo"), error_budget(s)
-    assert list(found.sources) == list(linear.sources)
-    for name, share in shares_of(found).items():
-        assert share[0] == pytest.approx(shares_of(linear)[name][0], abs=0.03)
-    assert linear.sources["aircraft_rcs"].share[0] > 0.3
-
-
 def test_how_well_the_rcs_must_be_known():
     half = propagate_scenario(parsed(decibels=DECIBELS / 2), method="form")
     found = required_accuracies(parsed(), 3 * half.std[0], method="form")
@@ -172,36 +159,6 @@ def test_how_well_the_rcs_must_be_known():
         "aircraft_rcs",
         *RADARS,
     }
-
-
-ANALYSES = {
-    "variance": {},
-    "sensitivity": {},
-    "montecarlo": {"sampler": "sobol"},
-    "compare": {},
-    "validate": {"digits": 1},
-    "coverage_map": {
-        "upper": True,
-        "north_km": (-400, 400),
-        "east_km": (-400, 400),
-        "step_km": 40.0,
-        "method": "probit",
-    },
-}
-
-
-@pytest.mark.all_draws
-@pytest.mark.parametrize("name", ANALYSES)
-def test_every_analysis_depends_on_the_rcs_error(name):
-    content = network()
-    content["analysis"]["runs"] = 128
-    s = rs.parse_scenario(yaml_text(content))
-    absent, present = (
-        getattr(analyses, name)(one, **ANALYSES[name]).table
-        for one in (dataclasses.replace(s, rcs_db=0), s)
-    )
-    assert list(absent) == list(present)
-    assert any(np.any(absent[column] != present[column]) for column in absent)
 
 
 def flight(folder, names, tau, periods=(8,), decibels=DECIBELS):

@@ -486,10 +486,10 @@ def test_only_a_patient_terminal_shows_progress_and_not_with_q(standard_error, c
 
 
 def test_a_closed_pipe_as_standard_output(tmp_path):
-    """As in `radar-sense --help | head -0`."""
+    """As in `radar-sense schema | head -0`."""
     read, write = os.pipe()
     os.close(read)
-    done = process("--help", cwd=tmp_path, stdout=write)
+    done = process("schema", cwd=tmp_path, stdout=write)
     os.close(write)
     assert "Traceback" not in done.stderr
     assert "Exception" not in done.stderr
@@ -498,7 +498,7 @@ def test_a_closed_pipe_as_standard_output(tmp_path):
 
 def test_a_full_disk_behind_standard_output(tmp_path):
     with Path("/dev/full").open("w") as full:
-        done = process("--help", cwd=tmp_path, stdout=full)
+        done = process("schema", cwd=tmp_path, stdout=full)
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert "No space left" in done.stderr

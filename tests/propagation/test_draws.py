@@ -255,8 +255,7 @@ def test_p_d_of_the_problems_is_that_of_the_package(name):
     )
 
 
-@pytest.mark.parametrize("beta", [1.0, 4.5])
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize(("name", "beta"), [*((n, 4.5) for n in PROBLEMS), ("horizon", 1.0)])
 def test_weights_add_up_to_one(name, beta):
     states, n = states_of(PROBLEMS[name]), 40_000
     normals = np.random.default_rng(3).standard_normal((states.normals, n))

@@ -20,9 +20,7 @@ from radar_sense.propagation import (
     METHODS,
     band_of_scenario,
     distribution,
-    propagate,
     propagate_scenario,
-    unreliable,
 )
 from radar_sense.propagation.automatic import judged, of_bounds, of_moments
 from radar_sense.propagation.draws import estimate
@@ -161,16 +159,6 @@ def test_a_distribution_for_other_covariances(method):
     for value in (lambda d: d.std, lambda d: d.mean, lambda d: d.quantile(-3.0)):
         np.testing.assert_allclose(value(changed), value(fresh), rtol=rtol)
     assert np.all(changed.std > first.std)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_no_poses_give_no_moments(method, half_blind):
-    s = half_blind
-    states = s.model, s.aircraft[:0], s.radar, s.cov_aircraft, s.cov_radar
-    assert propagate(*states, method=method).std.shape == (0,)
-    assert unreliable(*states, method=method).shape == (0,)
-    no_covariances = s.model, s.aircraft[:0], s.radar, s.cov_aircraft[np.newaxis][:0], states[-1]
-    assert unreliable(*no_covariances, method=method).shape == (0,)
 
 
 def test_a_second_question_makes_no_draw_twice(monkeypatch):

@@ -38,6 +38,7 @@ pytestmark = pytest.mark.usefixtures("quick")
 ROOT = Path(__file__).parents[2]
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 HEADER = "time_s,north_m,east_m,down_m"
+TABLE = {"model": "table", "file": str(ROOT / "configs/synthetic_aircraft.csv"), "mirror": True}
 #: Three legs past the radar, with a climb and two turns.
 ROUTE = f"""{HEADER}
 0,400e3,-200e3,-8000
@@ -330,30 +331,23 @@ def _without(key):
 
 
 @pytest.mark.parametrize(
-    ("place", "changes", "says"),
+    ("text", "changes", "says"),
     [
-        (ALPS, {"geometry": PAPER["geometry"], "aircraft__attitude_deg": [0, 0, 0],
-                "uncertainty__aircraft": PAPER["uncertainty"]["aircraft"]}, "needs a path"),
-        (ALPS, {"geometry__origin": None}, "radar.position_geodetic: needs a path whose route is"),
-        (ALPS, {"radar__position_m": [0, 0, 0]}, "position_m: stands beside 'position_geodetic'"),
-        ({**ALPS, "latitude_deg": 91}, {}, "position_geodetic.latitude_deg: must be .* 90, got 91"),
-        ({**ALPS, "longitude_deg": 361}, {}, "longitude_deg: must be .* 360, got 361"),
-        ({**ALPS, "altitude_m": 2e5}, {}, "altitude_m: must be .*, got 200000"),
-        (_without("altitude_m"), {}, "position_geodetic: missing key 'altitude_m', required:"),
-        ({**_without("altitude_m"), "altitude_km": 3}, {}, "'altitude_km'.* mean 'altitude_m'"),
-        ([46, 8, 3], {}, "position_geodetic: must be a mapping"),
-        ({"latitude_deg": 47, "longitude_deg": 9, "altitude_m": 10e3}, {}, "on top of the radar"),
+        (GEODETIC, {"geometry": PAPER["geometry"], "aircraft__attitude_deg": [0, 0, 0],
+                    "uncertainty__aircraft": PAPER["uncertainty"]["aircraft"]}, "needs a path"),
+        (ROUTE, {"geometry": {"type": "path", "file": "route.csv"}},
+         "radar.position_geodetic: needs a path whose route is"),
+        (GEODETIC, {"radar__position_m": [0, 0, 0]}, "stands beside 'position_geodetic'"),
+        (GEODETIC, {"radar__position_geodetic": [46, 8, 3]}, "position_geodetic: must be a map"),
+        (GEODETIC, {"radar__position_geodetic__latitude_deg": 91}, "latitude_deg: must be .* 90"),
+        (GEODETIC, {"radar__position_geodetic": {"latitude_deg": 47, "longitude_deg": 9,
+                                                 "altitude_m": 10e3}}, "on top of the radar"),
     ],
 )  # fmt: skip
-def test_places_that_are_refused(tmp_path, place, changes, says):
-    radar = {"position_geodetic": place, "constant": 50, "p_fa": 1e-6}
-    text = GEODETIC
-    changes = {"radar": radar, "geometry__origin": ORIGIN, **changes}
-    if changes["geometry__origin"] is None:
-        text = ROUTE
-        del changes["geometry__origin"]
-    file = write_path(tmp_path, text, **changes)
-    with pytest.raises(InputError, match=says.replace("?", r"\?")):
+def test_places_that_are_refused(tmp_path, text, changes, says):
+    radar = {"position_geodetic": ALPS, "constant": 50, "p_fa": 1e-6}
+    file = write_path(tmp_path, text, **{"radar": radar, "geometry__origin": ORIGIN, **changes})
+    with pytest.raises(InputError, match=says):
         rs.load_scenario(file)
 
 
@@ -393,94 +387,41 @@ def test_the_file_is_recorded_as_seen_from_here(tmp_path, monkeypatch):
 
 
 def test_an_rcs_table_warns_of_the_least_certain_attitude_of_all(tmp_path):
-    table = {
-        "model": "table",
-        "file": str(ROOT / "configs/synthetic_aircraft.csv"),
-        "mirror": True,
-    }
-    assert "beyond" not in str(rcs(load(tmp_path, UNCERTAIN, aircraft__rcs=table)).warnings)
+    assert "beyond" not in str(rcs(load(tmp_path, UNCERTAIN, aircraft__rcs=TABLE)).warnings)
     # 3 sigma of 11 deg of roll at the first pose alone: beyond the 30 deg of the table
     text = UNCERTAIN.replace("10,20,30,1,2,3", "10,20,30,11,2,3")
-    _, warning = rcs(load(tmp_path, text, aircraft__rcs=table)).warnings  # first the spacing
+    _, warning = rcs(load(tmp_path, text, aircraft__rcs=TABLE)).warnings  # first the spacing
     assert "states within 3 sigma are beyond at 0 s (1 of 4 poses)" in warning
 
 
 REFUSED = [
     (ROUTE, {"aircraft__attitude_deg": [0, 0, 90]}, "aircraft.attitude_deg: must be left out"),
-    (
-        UNCERTAIN,
-        {"uncertainty__aircraft": {"position_m": 1, "attitude_deg": 1}},
-        "uncertainty.aircraft: must be left",
-    ),
-    (
-        ROUTE,
-        {"uncertainty": {"radar": {"medium": {"position_m": 1, "constant": 1}}}},
-        "uncertainty: missing key 'aircraft'",
-    ),
-    (
-        ROUTE,
-        {"geometry__type": "paths"},
-        "geometry.type: must be one of orbit, radial, path, got 'paths'",
-    ),
-    (ROUTE, {"geometry__range_km": 500}, "geometry: unknown key 'range_km', allowed: type, file"),
-    (ROUTE, {"geometry": {"type": "path"}}, "geometry: missing key 'file'"),
+    (UNCERTAIN, {"uncertainty__aircraft": {"position_m": 1, "attitude_deg": 1}},
+     "uncertainty.aircraft: must be left"),
+    (ROUTE, {"uncertainty": {"radar": {"medium": {"position_m": 1, "constant": 1}}}},
+     "uncertainty: missing key 'aircraft'"),
     (ROUTE, {"geometry__file": "rout.csv"}, "geometry.file: .*rout.csv: cannot be read: No such"),
     (ROUTE, {"geometry__file": "."}, "geometry.file: .* is a directory, not a route file"),
-    (ROUTE, {"geometry__axis": "times"}, "geometry.axis: .*; did you mean 'time'?"),
-    (ROUTE, {"geometry__interpolate": {}}, "interpolate: missing key 'step_s'"),
-    (ROUTE, {"geometry__interpolate": {"step_s": 0}}, "interpolate.step_s: .*greater than 0"),
     (ROUTE, {"geometry__interpolate": {"step_s": 1e-5}}, "interpolate: step_s makes more than"),
-    (
-        ROUTE,
-        {"geometry__interpolate": {"step_s": 1, "method": "leg"}},
-        "interpolate.method: .*; did you mean 'legs'?",
-    ),
     (ROUTE, {"geometry__max_gap_s": 400}, "route.csv:3: time_s: must be within 400 s"),
-    (ROUTE, {"geometry__max_gap_s": -1}, "geometry.max_gap_s: must be"),
-    (ROUTE, {"geometry__origin": {"latitude_deg": 1}}, "origin: missing key 'longitude_deg'"),
-    (
-        ROUTE,
-        {"geometry__origin": {"latitude_deg": 91, "longitude_deg": 0, "altitude_m": 0}},
-        "origin.latitude_deg: must be .* 90, got 91",
-    ),
-    (
-        ROUTE,
-        {"geometry__origin": {"latitude_deg": 9, "longitude_deg": 0, "altitude_m": 0}},
-        "route.csv:1: north, east and down have an origin already",
-    ),
+    (ROUTE, {"geometry__origin": {"latitude_deg": 9, "longitude_deg": 0, "altitude_m": 0}},
+     "route.csv:1: north, east and down have an origin already"),
     (ROUTE, {"geometry__sha256": "0" * 64}, "geometry.sha256: .* is another file than it was"),
     (ROUTE.replace("500,400e3", "0,400e3"), {}, "route.csv:3: time_s: must be later than 0.0"),
     (ROUTE.replace("350e3", "nan"), {}, "route.csv:4: north_m: must be finite, got nan"),
-    (
-        f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n",
-        {},
-        "geometry: the aircraft is on top of the radar at time 60 s",
-    ),
-    (
-        f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n",
-        {"geometry__axis": "distance"},
-        "geometry: the aircraft is on top of the radar at distance 9000 m",
-    ),
+    (f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n", {},
+     "geometry: the aircraft is on top of the radar at time 60 s"),
+    (f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n", {"geometry__axis": "distance"},
+     "geometry: the aircraft is on top of the radar at distance 9000 m"),
     (f"{HEADER}\n0,9e3,0,0\n60,9e3,0,0\n", {}, "route.csv: the aircraft never moves"),
-    (  # 0.09 m/s there and back: a parabola has 0.18 m/s at its ends, straight legs do not
-        f"{HEADER}\n0,9000,0,0\n10,9000.9,0,0\n20,9000,0,0\n",
-        {"geometry__interpolate": {"step_s": 5}},
-        "geometry.interpolate: route: the aircraft never moves horizontally at 0.1 m/s or more",
-    ),
-    (
-        ROUTE,
-        {
-            "aircraft__rcs": {
-                "model": "table",
-                "file": str(ROOT / "configs/synthetic_aircraft.csv"),
-                "mirror": True,
-            },
-            "radar__position_m": [400e3, -150e3, 0],
-            "geometry__interpolate": {"step_s": 250},
-        },
-        r"at time 250 s the aircraft sees the radar at elevation -90 deg, the RCS table",
-    ),
-]
+    # 0.09 m/s there and back: a parabola has 0.18 m/s at its ends, straight legs do not
+    (f"{HEADER}\n0,9000,0,0\n10,9000.9,0,0\n20,9000,0,0\n",
+     {"geometry__interpolate": {"step_s": 5}},
+     "geometry.interpolate: route: the aircraft never moves horizontally at 0.1 m/s or more"),
+    (ROUTE, {"aircraft__rcs": TABLE, "radar__position_m": [400e3, -150e3, 0],
+             "geometry__interpolate": {"step_s": 250}},
+     r"at time 250 s the aircraft sees the radar at elevation -90 deg, the RCS table"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "changes", "says"), REFUSED)
