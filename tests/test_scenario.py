@@ -189,17 +189,6 @@ WRONG = {
     "columns": (lambda: arguments(np.zeros((2, 5))), r"aircraft must have .* \(n, 6\) .* \(2, 5\)"),
     "no poses": (lambda: arguments(np.zeros((0, 6))), "aircraft must have shape"),
     "text": (lambda: arguments([["a"] * 6]), "aircraft must be an array of real numbers, got <U1"),
-    "ragged": (lambda: arguments([[0] * 6, [0]]), "aircraft must be an array of numbers: "),
-    "complex": (lambda: radar(np.array([0, 0, 0, 167 + 0j])), "real numbers, got complex128"),
-    "booleans": (lambda: radar([True] * 4), "radar state must be .* real numbers, got bool"),
-    "dates": (
-        lambda: arguments(geometry=timed(np.array(["2026-01-01", "2026-01-02"], "M8[s]"))),
-        "got datetime64",
-    ),
-    "masked": (
-        lambda: radar(np.ma.masked_less([0.0, 0, 0, 167], 1)),
-        "radar state must not be a masked",
-    ),
     "NaN": (lambda: arguments([[0, 0, math.nan, 0, 0, 0]]), "aircraft must be finite, got nan"),
     "radar": (lambda: radar([0, 0, 0]), r"radar state must have shape \(4,\) for .* got \(3,\)"),
     "infinite": (lambda: radar([0, 0, math.inf, 1]), "radar states must be finite, got inf"),

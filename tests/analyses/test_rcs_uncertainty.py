@@ -213,6 +213,6 @@ def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, names, pe
     ):
         assert error < 0.03 * every.std() + 0.002
         assert value == pytest.approx(end, abs=4 * error + 0.15 * every.std())
-    plain = analyses.mission(s, runs=20_000).table
+    plain = analyses.mission(s, runs=10_000).table
     assert plain["mc_std"][-1] == pytest.approx(every.std(), rel=0.04)
     assert_allclose([plain["mc_lower"][-1], plain["mc_upper"][-1]], ends, atol=0.3 * every.std())

@@ -150,25 +150,6 @@ def test_no_bound_is_not_known(tool):
     assert test["share_above"] == 1
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--threshold 0", "greater than 0"),
-        ("--threshold 1.01", "not greater than 1"),
-        ("--threshold nan", "greater than 0"),
-        ("--threshold 0.5 --k 0", "greater than 0"),
-        ("--threshold 0.5 --k -1", "greater than 0"),
-        ("--k 0", "greater than 0"),
-    ],
-)
-def test_thresholds_that_are_refused(tool, options, words):
-    code, out, err = tool("variance", *options.split())
-    assert (code, out) == (2, "")
-    assert words in err
-    assert len(err.splitlines()) == 1
-    assert not Path("figures").exists()
-
-
 def test_a_probability_in_place_of_k(tool):
     """P(P_D > P_max) in 200 000 draws of each pose, and the verdict of a bound at Φ⁻¹(1 − P)."""
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 60, "step": 10})

@@ -230,17 +230,6 @@ def test_detectors(tool):
     assert "largest error at the poses of this scenario: 0.0039 at 0 and 180 deg" in out
 
 
-def test_the_named_detector_is_used(tool):
-    text = default_text().replace("detector: north", "detector: swerling1")
-    Path("one.yaml").write_text(text)
-    assert tool("variance", "one.yaml", "--no-plot").code == 0
-    found = read_table("figures/paper_variance.csv")
-    p_d = 1.7e-4 ** (1 / (1 + 10 ** (found["snr_db"] / 10)))
-    assert found["p_d"] == pytest.approx(p_d, rel=1e-12)
-    record = read_record("figures/paper_variance.json")
-    assert record["scenario"]["radar"]["detector"] == "swerling1"
-
-
 @pytest.mark.parametrize("command", COLUMNS)
 def test_csv(tool, command):
     assert tool(command, *few(command), "--no-plot").code == 0
@@ -318,15 +307,6 @@ def test_undefined_numbers_are_null_in_json_and_nan_in_csv(tool, command):
     columns = read_table(f"figures/overhead_{command}.csv")
     uncertain = [c for c in columns if "sigma" in c and "coverage" not in c]
     assert any(np.isnan(columns[c]).all() for c in uncertain), uncertain
-
-
-def test_workers_do_not_change_a_bit(tool):
-    seen = set()
-    for workers in ("1", "3", None):
-        option = ["--workers", workers] if workers else []
-        assert tool("montecarlo", "--runs", "100", "--no-plot", *option).code == 0
-        seen.add(files()["paper_montecarlo.csv"])
-    assert len(seen) == 1
 
 
 @pytest.mark.usefixtures("short")

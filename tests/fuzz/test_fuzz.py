@@ -45,12 +45,14 @@ def judge(tmp_path, monkeypatch):
 def test_scenarios_of_the_schema_are_read_back_or_refused(judge):
     codes = ends(checked(), 2, judge[0])
     assert codes[0] > 10
+    assert codes[2] > 0
     assert judge[1][False, False] > 10
 
 
 @pytest.mark.parametrize("ending", [".yaml", ".csv", ".gpx"])
 def test_broken_files_are_read_or_refused(ending, judge):
     codes = ends(broken(ending), 1, *judge[:1] * (ending == ".yaml"))
+    assert codes[0] > 0
     assert codes[2] > 3
     assert judge[1][True, True] > 3 or ending != ".yaml"
 

@@ -16,7 +16,6 @@ from helpers import (
 
 from radar_sense import cost
 from radar_sense.axis import azimuth
-from radar_sense.errors import InputError
 from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo import adaptive
 from radar_sense.montecarlo.adaptive import DRAWS, QUANTITIES, judge, numerical_tolerance
@@ -327,17 +326,3 @@ def test_progress_is_in_poses():
         validate(s, digits=1, method="form")
     done = [steps for steps in seen if steps[0] == "poses"]
     assert done[-1] == ("poses", len(s.aircraft), len(s.aircraft))
-
-
-@pytest.mark.parametrize(
-    ("digits", "says"),
-    [
-        (0, "digits must be a whole number not less than 1 and not greater than 4"),
-        (5, "digits must be"),
-        (1.5, "digits must be"),
-    ],
-)
-def test_refusals_are_one_line(digits, says):
-    with pytest.raises(InputError, match=says) as error:
-        validate(gaussian(), digits=digits)
-    assert "\n" not in str(error.value)

@@ -7,8 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from routes import (
     ATTITUDE,
     COV,
@@ -31,9 +29,8 @@ from radar_sense.covariance import problem
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy as wgs84
 from radar_sense.model import track
-from radar_sense.model.trajectory import METHODS, resample
+from radar_sense.model.trajectory import resample
 from radar_sense.scenario_file import table_file
-from radar_sense.scenario_file.route_file import load_route
 
 G = 9.80665
 SIMPLE = f"{HEAD}\n0,0,0,-1000\n1,100,0,-1000\n2,200,0,-1000\n"
@@ -193,18 +190,6 @@ def test_the_size_of_the_blocks_changes_nothing(monkeypatch):
     for a, b in zip(found[:3], found[3:], strict=True):
         same(a, b)
         np.testing.assert_array_equal(a.covariance, b.covariance)
-
-
-def test_turned_position_errors_keep_their_ellipsoid():
-    # 10 m to the north, 3 m up: at 90° of longitude from the origin those are other axes.
-    std = dict(zip(STD, [[10.0], [5.0], [3.0], [0.0], [0.0], [0.0]], strict=True))
-    attitude = {name: [0.0] for name in ATTITUDE}
-    place = np.array([[0.0, np.pi / 2, 0.0]])
-    found = load({**geodetic([0.0], place), **attitude, **std}, origin=(0.0, 0.0, 0.0))
-    expected = np.zeros((6, 6))
-    # East there is down here, and down there is west here.
-    expected[:3, :3] = np.diag([100.0, 9.0, 25.0])
-    np.testing.assert_allclose(found.covariance[0], expected, atol=1e-13)
 
 
 def test_a_covariance_of_roll_and_yaw_straight_up_is_refused():
@@ -389,75 +374,3 @@ def test_the_first_bad_covariance_is_named_among_good_ones():
         covariance[bad, i, j] = covariance[bad, j, i] = 1.01 * std
         with pytest.raises(InputError, match=rf"^route\.csv:{bad + 2}: covariance is not"):
             load({**columns, **triangle(covariance)})
-
-
-# Random texts.
-
-
-def outcome(path, **options):
-    """Return a finite route, or None for a refusal in one line."""
-    try:
-        found = load_route(path, **options)
-    except InputError as error:
-        assert "\n" not in str(error)  # noqa: PT017 - what else is raised must be seen
-        return None
-    assert np.all(np.isfinite(found.aircraft))
-    assert np.all(np.isfinite(found.distance_m))
-    assert np.all(np.diff(found.time_s) > 0)
-    if found.covariance is not None:
-        assert np.all(np.isfinite(found.covariance))
-    return found
-
-
-@pytest.fixture(scope="module")
-def path(tmp_path_factory):
-    return tmp_path_factory.mktemp("fuzz") / "route.csv"
-
-
-CELLS = st.one_of(
-    st.floats(allow_nan=True, allow_infinity=True).map(repr),
-    st.floats(-100, 100).map(repr),
-    st.integers(-3, 3).map(str),
-    st.sampled_from(["", " ", "nan", "1e999", "-0", "1e-320", "90", "-90", "180", "x", "1 2", "#"]),
-)
-NUMBERS = st.one_of(
-    st.integers(-90, 90).map(str), st.sampled_from(["0", "-0", "1e-320", "89.99999", "1e-9", "1"])
-)
-
-
-@st.composite
-def tables(draw):
-    """Tables with good headers and rows that are mostly of the right shape and at times good."""
-    columns = (draw(st.sampled_from([HEAD, GEO]))).split(",")
-    for more in (ATTITUDE, draw(st.sampled_from([STD, COV]))):
-        if draw(st.booleans()):
-            columns += more
-    cell = draw(st.sampled_from([NUMBERS, NUMBERS, CELLS]))
-    rows = draw(st.integers(0, 6))
-    table = [
-        [str(i + draw(st.integers(0, 1))), *(draw(cell) for _ in columns[1:])] for i in range(rows)
-    ]
-    for row in table:
-        for i, name in enumerate(columns):
-            if name in COV and draw(st.integers(0, 9)) and cell is NUMBERS:
-                a, b = UPPER[COV.index(name)]
-                row[i] = "1" if a == b else "0.1"
-            elif name in STD and cell is NUMBERS:
-                row[i] = row[i].lstrip("-")
-    return columns, "\n".join(",".join(row) for row in [columns, *table])
-
-
-@given(table=tables(), step=st.sampled_from([0.1, 0.7, 1.0, 5.0]))
-@settings(max_examples=50, deadline=None)
-def test_any_table(path, table, step):
-    columns, text = table
-    path.write_text(text)
-    options = {"origin": (0.1, 0.2, 0.0)} if "latitude_deg" in columns else {}
-    found = outcome(path, **options)
-    for method in METHODS if found else ():
-        try:
-            again = resample(found, step, method)
-        except InputError as error:
-            assert "never moves" in str(error)  # noqa: PT017 - what else is raised must be seen
-        else:
-            assert np.all(np.isfinite(again.aircraft))
