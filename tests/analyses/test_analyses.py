@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, SOURCES, document, scenario, yaml_text
+from helpers import OVERHEAD, SOURCES, document, scenario, small_batches, yaml_text
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -325,18 +325,17 @@ def test_no_uncertainty_at_all():
     assert not analyses.budget(s).table["three_sigma_total"].any()
 
 
-def test_validate_without_any_result():
-    s = scenario(
-        **OVERHEAD,
-    )
-    result = analyses.validate(s, digits=1)
+def test_validate_without_any_result(monkeypatch):
+    small_batches(monkeypatch)
+    result = analyses.validate(scenario(**OVERHEAD), digits=1)
     assert not result.passed
     assert any("no result at 0 deg" in line for line in result.report)
     assert not any("nan" in line for line in result.report)
 
 
-def test_validate_names_the_pose_with_the_largest_error_per_tolerance():
+def test_validate_names_the_pose_with_the_largest_error_per_tolerance(monkeypatch):
     """At 90 deg yaw has little effect: σ and δ are small, and σ to first order is 0."""
+    small_batches(monkeypatch)
     certain = {"only": {"position_m": 0, "constant": 0}}
     s = scenario(
         uncertainty={"aircraft": {"position_m": 0, "attitude_deg": [0, 0, 1]}, "radar": certain},

@@ -166,7 +166,7 @@ def overlapping(boxes):
 def many_lines(of):
     """Return a result whose figure has a line for each name, and the names."""
     if of == "radars":
-        result = analyses.variance(many_radars())
+        result = analyses.variance(many_radars(), method="linear")
         return result, result.scenario.model.names
     names = tuple(f"level{i}" for i in range(8))
     levels = {n: {"position_m": 9.0 * i, "constant": 2.0 * i + 1} for i, n in enumerate(names)}
@@ -237,9 +237,7 @@ def at_few_poses(analysis):
     [
         *(("budget", style) for style in plotting.STYLES),
         ("rcs", "two-columns"),
-        ("rcs", "slides"),
         ("montecarlo", "slides"),
-        ("detectors", "slides"),
         ("detection_range", "slides"),
     ],
 )
