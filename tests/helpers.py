@@ -257,6 +257,13 @@ def mission(scenario, *, m_of_n=None, **options):
     return analyses.mission(scenario, m=m, n=n, **options)
 
 
+def direction(azimuth, elevation):
+    """Unit vectors to azimuth and elevation [rad], positive above (body z is down)."""
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    h = np.cos(elevation)
+    return np.stack([h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)], axis=-1)
+
+
 def dashes(line):
     """Return the dash pattern of a line, for which Matplotlib has no public name."""
     return str(line._unscaled_dash_pattern)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
+    direction,
     document,
     scenario,
 )
@@ -25,13 +26,6 @@ from radar_sense.words import table_warnings
 
 DEG = np.pi / 180
 CONFIGS = Path(__file__).parents[2] / "configs"
-
-
-def direction(azimuth, elevation):
-    """Unit vectors to azimuth and elevation [rad], positive above (body z is down)."""
-    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
-    h = np.cos(elevation)
-    return np.stack([h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)], axis=-1)
 
 
 def uneven(rng, count):

@@ -26,7 +26,6 @@ from numpy.testing import assert_array_equal
 
 import radar_sense as rs
 from radar_sense.covariance import block_diagonal
-from radar_sense.model.horizon import EARTH_RADIUS
 from radar_sense.scenario_file.load import default_text
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -105,45 +104,6 @@ def test_covariances_stand_side_by_side():
     a, b = np.arange(4.0).reshape(2, 2), 10 + np.arange(4.0).reshape(2, 2)
     wanted = [[0, 1, 0, 0], [2, 3, 0, 0], [0, 0, 10, 11], [0, 0, 12, 13]]
     assert_array_equal(block_diagonal([a, b]), wanted)
-
-
-def test_a_horizon_is_over_the_earth_that_the_geometry_means(tmp_path):
-    header = "time_s,latitude_deg,longitude_deg,altitude_m\n"
-    rows = [f"{60 * i},47.0,{8.0 + 0.1 * i},9000\n" for i in range(5)]
-    (tmp_path / "route.csv").write_text(header + "".join(rows))
-    geometry = {
-        "type": "path",
-        "file": "route.csv",
-        "origin": {"latitude_deg": 46, "longitude_deg": 8, "altitude_m": 430},
-    }
-    content = network_document(radar_entry("a", horizon=True), radar_entry("b"), geometry=geometry)
-    del content["aircraft"]["attitude_deg"]
-    path = tmp_path / "my.yaml"
-    path.write_text(yaml_text(content))
-    model = rs.load_scenario(path).model
-    horizon = model.radars[0].horizon
-    assert horizon == rs.Horizon(origin=(*np.deg2rad([46.0, 8.0]), 430.0))
-    assert model.radars[1].horizon is None
-    # one kilometre up, and 100 km away, where the surface is d²/2R lower
-    up, away = horizon.height(np.array([[0.0, 0, -1e3], [0, 1e5, -1e3]]))
-    assert up == pytest.approx(1430, abs=1e-6)
-    assert away - up == pytest.approx(1e10 / (2 * EARTH_RADIUS), rel=5e-3)
-    assert rs.Horizon().height(np.array([0.0, 1e5, -1e3])) == 1000
-
-
-def test_a_route_with_deviations_needs_no_uncertainty_of_the_aircraft(tmp_path):
-    (tmp_path / "route.csv").write_text((CONFIGS / "path_route.csv").read_text())
-    path = yaml.safe_load((CONFIGS / "path.yaml").read_text())
-    geometry = {**path["geometry"], "file": "route.csv"}
-    content = network_document(
-        radar_entry("a"), radar_entry("b"), geometry=geometry, uncertainty={}
-    )
-    del content["aircraft"]["attitude_deg"]
-    (tmp_path / "my.yaml").write_text(yaml_text(content))
-    s = rs.load_scenario(tmp_path / "my.yaml")
-    assert s.cov_aircraft.shape == (len(s.aircraft), 6, 6)
-    found = rs.analyses.variance(s)
-    assert np.all(found.table["sigma_pd"] > 0)
 
 
 # Refused keys.

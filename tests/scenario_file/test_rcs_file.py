@@ -6,16 +6,10 @@ import re
 
 import numpy as np
 import pytest
+from helpers import direction
 
 import radar_sense as rs
 from radar_sense.errors import InputError
-
-
-def direction(azimuth, elevation):
-    """Unit vectors to azimuth and elevation [rad], positive above (body z is down)."""
-    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
-    h = np.cos(elevation)
-    return np.stack([h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)], axis=-1)
 
 
 def write(path, *rows):
