@@ -226,6 +226,13 @@ def assert_refused(code: int, out: str, err: str) -> None:
     assert "Traceback" not in err
 
 
+def one_line(tool: Callable, *args: object) -> str:
+    """Insist that a command is refused in one line, and return that line."""
+    code, out, err = tool(*args)
+    assert_refused(code, out, err)
+    return err
+
+
 def place(error: str, name: str = "my.yaml") -> tuple[int, str, str]:
     """Split an error into line number, key path and message."""
     match = re.fullmatch(rf"Error: {re.escape(name)}:(\d+): (?:([\w.\[\]-]+): )?(.*)", error)

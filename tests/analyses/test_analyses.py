@@ -102,9 +102,7 @@ def test_a_vanishing_gradient_is_warned_of():
 
 
 def test_an_undefined_linearization_is_warned_of():
-    s = scenario(
-        **(OVERHEAD | {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 90}}),
-    )
+    s = scenario(**(OVERHEAD | {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 90}}))
     result = analyses.variance(s, method="linear")
     assert np.isnan(result.table["sigma_pd"][0])
     assert np.isfinite(result.table["p_d"]).all()

@@ -5,10 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    document,
-    yaml_text,
-)
+from helpers import document, yaml_text
 from numpy.testing import assert_allclose
 
 import radar_sense as rs

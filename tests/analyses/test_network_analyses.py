@@ -19,10 +19,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from radar_sense import analyses
 from radar_sense.accuracy import required_accuracies
 from radar_sense.analyses.rcs import rcs
-from radar_sense.propagation import (
-    propagate,
-    propagate_scenario,
-)
+from radar_sense.propagation import propagate, propagate_scenario
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 from radar_sense.sources import error_budget

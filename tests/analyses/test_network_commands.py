@@ -7,13 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    cov_by_level,
-    network_document,
-    radar_entry,
-    write,
-    yaml_text,
-)
+from helpers import cov_by_level, network_document, radar_entry, write, yaml_text
 from numpy.testing import assert_array_equal
 
 import radar_sense as rs

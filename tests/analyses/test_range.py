@@ -8,13 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    document,
-    scenario,
-    sheet_document,
-    with_arrays,
-    yaml_text,
-)
+from helpers import document, scenario, sheet_document, with_arrays, yaml_text
 from scipy.special import ndtr
 
 import radar_sense as rs

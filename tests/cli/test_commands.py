@@ -18,14 +18,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from helpers import (
-    few_draws,
-    read_record,
-    read_table,
-    small_batches,
-    some_poses,
-    without_pixels,
-)
+from helpers import few_draws, read_record, read_table, small_batches, some_poses, without_pixels
 
 import radar_sense as rs
 from radar_sense import cli as command_line
@@ -362,12 +355,12 @@ def test_the_terminal_shows_the_numbers(tool):
 # Scenarios to start from.
 
 
-#: Commands that run with every scenario; the others run with one scenario of each kind.
-CHEAP = ("check", "variance")
+#: The command that runs with every scenario; the others run with two. `test_init` checks all.
+CHEAP = ("variance",)
 KINDS = ("covariance", "table")
 PAIRS = [
     (command, config)
-    for command in ["check", *ANALYSES]
+    for command in ANALYSES
     for config in CONFIGS
     if command in CHEAP or (config.stem in KINDS and command != "sweep")
 ]
@@ -376,10 +369,9 @@ PAIRS = [
 @pytest.mark.parametrize(("command", "config"), PAIRS, ids=lambda v: getattr(v, "stem", v))
 @pytest.mark.usefixtures("short")
 def test_every_scenario_in_configs_runs(tool, monkeypatch, config, command):
-    """`check` runs at all poses, `variance` at some five, the other commands at two."""
-    options = [] if command == "check" else [*few(command), "--no-plot"]
-    if command != "check":
-        some_poses(monkeypatch, 5 if command in CHEAP else 2)
+    """`variance` runs at some five poses, the other commands at two."""
+    options = [*few(command), "--no-plot"]
+    some_poses(monkeypatch, 5 if command in CHEAP else 2)
     if command in ("range", "sensitivity", "budget"):
         options += ["--method", "form"]
     if command == "map":
@@ -388,8 +380,7 @@ def test_every_scenario_in_configs_runs(tool, monkeypatch, config, command):
     code, out, err = tool(command, config, *options)
     assert code == 0
     assert all(line.startswith("Warning: ") for line in err.splitlines())
-    if command != "check":
-        assert len(files()) == 2
+    assert len(files()) == 2
     assert rs.load_scenario(config).name == config.stem
     assert out
 

@@ -179,10 +179,7 @@ def test_threads_at_work_are_interrupted(tool, fake):
 
 @pytest.mark.parametrize(
     ("error", "words"),
-    [
-        (MemoryError(), "out of memory"),
-        (OSError(5, "Input/output error"), "Input/output error"),
-    ],
+    [(MemoryError(), "out of memory"), (OSError(5, "Input/output error"), "Input/output error")],
 )
 def test_running_out_of_memory_is_one_line(tool, fake, error, words):
     def fail() -> None:

@@ -12,12 +12,7 @@ from radar_sense.scenario_file.load import default_text
 pytestmark = pytest.mark.usefixtures("quick")
 
 ROOT = Path(__file__).parents[2]
-OPTIONS = {
-    "": [],
-    "network": ["--network"],
-    "route": ["--route"],
-    "data_sheet": ["--data-sheet"],
-}
+OPTIONS = {"": [], "network": ["--network"], "route": ["--route"], "data_sheet": ["--data-sheet"]}
 #: What each starter is for.
 ANALYSES = {
     "": ["sensitivity"],

@@ -8,11 +8,7 @@ import math
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    document,
-    mission,
-    with_arrays,
-)
+from helpers import document, mission, with_arrays
 from scipy.special import ndtr
 
 import radar_sense as rs

@@ -14,14 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    cov_by_level,
-    document,
-    few_draws,
-    lay_out,
-    legend_off_data,
-    mission,
-)
+from helpers import cov_by_level, document, few_draws, lay_out, legend_off_data, mission, one_line
 
 import radar_sense as rs
 from radar_sense.mission import tracks
@@ -363,16 +356,12 @@ def test_report_and_record(tool, tmp_path):
     ],
 )
 def test_refusals(tool, tmp_path, periods, options, words):
-    code, out, err = tool("mission", write(tmp_path, periods), *options)
-    assert (code, out) == (2, "")
-    assert words in err
-    assert len(err.splitlines()) == 1
+    assert words in one_line(tool, "mission", write(tmp_path, periods), *options)
     assert not Path("figures").exists()
 
 
 @pytest.mark.parametrize(
-    ("runs", "m_of_n", "periods"),
-    [(20, (2, 3), CASES[0]), (None, None, {"far": 6, "near": 6})],
+    ("runs", "m_of_n", "periods"), [(20, (2, 3), CASES[0]), (None, None, {"far": 6, "near": 6})]
 )
 def test_layout(tmp_path, runs, m_of_n, periods):
     figure = lay_out(mission(load(tmp_path, periods), runs=runs, m_of_n=m_of_n).plot())

@@ -354,9 +354,7 @@ def test_broadcasting_is_pose_by_pose(kind, aircraft_shape, radar_shape):
     model, _, aircraft, radar = random_case(rng, kind, 400)
     count, radars = int(np.prod(aircraft_shape)), int(np.prod(radar_shape))
     assert_pose_by_pose(
-        model,
-        aircraft[:count].reshape(*aircraft_shape, 6),
-        radar[:radars].reshape(*radar_shape, 4),
+        model, aircraft[:count].reshape(*aircraft_shape, 6), radar[:radars].reshape(*radar_shape, 4)
     )
 
 

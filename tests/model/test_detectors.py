@@ -136,11 +136,7 @@ def test_marcum_where_the_function_of_scipy_fails():
 def test_any_shape_and_any_size(detector):
     """There is no Python warning, and a NaN stays at its place."""
     snr = np.array([0, 1e-300, 1e-20, 1, 744, 1e6, 1e20, 1e100, 1e160, np.nan])
-    functions = (
-        detector().p_d,
-        partial(linearize, detector()),
-        detector().linearize_probit,
-    )
+    functions = (detector().p_d, partial(linearize, detector()), detector().linearize_probit)
     for p_fa in (5e-324, 1e-17, 1.7e-4, 0.5, 0.9, 1 - 2.0**-53):
         for function in functions:
             found = np.array(function(snr, p_fa))

@@ -10,11 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    direction,
-    document,
-    scenario,
-)
+from helpers import direction, document, scenario
 from scipy.interpolate import CubicSpline
 from scipy.special import ndtr
 

@@ -9,10 +9,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from helpers import (
-    scenario,
-    with_arrays,
-)
+from helpers import scenario, with_arrays
 
 from radar_sense import cost
 from radar_sense.axis import azimuth

@@ -223,9 +223,7 @@ def test_without_uncertainty_all_errors_are_nan():
 
 
 @pytest.mark.parametrize(
-    ("changes", "runs"),
-    [(WEAK, 2), (NOTHING, 16)],
-    ids=["overhead", "nothing"],
+    ("changes", "runs"), [(WEAK, 2), (NOTHING, 16)], ids=["overhead", "nothing"]
 )
 def test_layout(changes, runs):
     figure = lay_out(convergence(scenario(**changes), runs=runs).plot())

@@ -22,12 +22,7 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
-from radar_sense.propagation import (
-    METHODS,
-    propagate,
-    propagate_scenario,
-    unreliable_in_scenario,
-)
+from radar_sense.propagation import METHODS, propagate, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.automatic import Automatic
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.emphasis import Mixture

@@ -6,22 +6,14 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from helpers import (
-    scenario,
-    with_arrays,
-)
+from helpers import scenario, with_arrays
 
 import radar_sense as rs
 from radar_sense.acceptance.threshold import decide
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
-from radar_sense.propagation import (
-    METHODS,
-    band_of_scenario,
-    distribution,
-    propagate_scenario,
-)
+from radar_sense.propagation import METHODS, band_of_scenario, distribution, propagate_scenario
 from radar_sense.propagation.automatic import judged, of_bounds, of_moments
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
@@ -81,8 +73,7 @@ def half_blind():
     limits = [math.inf, *np.median(away, axis=0)[1:3], *[1.0] * 3]
     radars = zip(s.model.radars, limits, strict=True)
     return with_arrays(
-        s,
-        model=NetworkModel(tuple(dataclasses.replace(r, max_range=limit) for r, limit in radars)),
+        s, model=NetworkModel(tuple(dataclasses.replace(r, max_range=limit) for r, limit in radars))
     )
 
 

@@ -4,13 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import (
-    cov_by_level,
-    nonlinear_by_its_own_moments,
-    p_d_each,
-    paper_network,
-    with_arrays,
-)
+from helpers import cov_by_level, nonlinear_by_its_own_moments, p_d_each, paper_network, with_arrays
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ndtr
 

@@ -15,11 +15,7 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.propagation import (
-    METHODS,
-    propagate_scenario,
-    unreliable_in_scenario,
-)
+from radar_sense.propagation import METHODS, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.form import Form
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario, parse_scenario

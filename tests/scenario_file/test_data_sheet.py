@@ -17,10 +17,7 @@ from helpers import (
 )
 
 from radar_sense.errors import InputError
-from radar_sense.model.radar_constant import (
-    relative_std,
-    shape,
-)
+from radar_sense.model.radar_constant import relative_std, shape
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 

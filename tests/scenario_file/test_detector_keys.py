@@ -5,15 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from helpers import (
-    assert_refused,
-    cov_by_level,
-    document,
-    scenario,
-    single,
-    write,
-    yaml_text,
-)
+from helpers import assert_refused, cov_by_level, document, scenario, single, write, yaml_text
 
 import radar_sense as rs
 from radar_sense.limits import POSITIVE, parameter

@@ -9,15 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    PAPER,
-    cov_by_level,
-    document,
-    stds_of,
-    with_arrays,
-    without_pixels,
-    write_path,
-)
+from helpers import PAPER, cov_by_level, document, stds_of, with_arrays, without_pixels, write_path
 
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance

@@ -243,10 +243,7 @@ REFUSED = {
     "no rows": (f"{HEAD}\n# none\n", "route.csv: has no rows"),
     "one row": (f"{HEAD}\n0,0,0,0\n", "route.csv: has 1 row; attitude from the track needs 2"),
     "not utf-8": (b"time_s,\xff\n", "route.csv:1: is not UTF-8 text: byte 0xff"),
-    "not utf-8 below": (
-        SIMPLE.encode() + b"# \xe9\n",
-        "route.csv:5: is not UTF-8 text: byte 0xe9",
-    ),
+    "not utf-8 below": (SIMPLE.encode() + b"# \xe9\n", "route.csv:5: is not UTF-8 text: byte 0xe9"),
     "zero bytes": (bytes(100), "route.csv:1: is not text: it has a zero byte"),
     "a long line": (b"x" * 100_000, "route.csv:1: is longer than 65536 bytes"),
     "unknown": (
