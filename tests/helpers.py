@@ -118,7 +118,8 @@ def some_poses(patch, count=5):
         read = load_scenario(path, changes)
         return read.at_poses(slice(0, None, max(1, len(read.axis) // (count - 1))))
 
-    for name in ("radar_sense.scenario_file.load.load_scenario", "radar_sense.load_scenario"):
+    # the public name first, because it is looked up in the module that has it
+    for name in ("radar_sense.load_scenario", "radar_sense.scenario_file.load.load_scenario"):
         patch.setattr(name, few)
 
 
@@ -225,6 +226,13 @@ def assert_refused(code: int, out: str, err: str) -> None:
     assert "Traceback" not in err
 
 
+def one_line(tool: Callable, *args: object) -> str:
+    """Insist that a command is refused in one line, and return that line."""
+    code, out, err = tool(*args)
+    assert_refused(code, out, err)
+    return err
+
+
 def place(error: str, name: str = "my.yaml") -> tuple[int, str, str]:
     """Split an error into line number, key path and message."""
     match = re.fullmatch(rf"Error: {re.escape(name)}:(\d+): (?:([\w.\[\]-]+): )?(.*)", error)
@@ -254,6 +262,13 @@ def mission(scenario, *, m_of_n=None, **options):
 
     m, n = m_of_n or (None, None)
     return analyses.mission(scenario, m=m, n=n, **options)
+
+
+def direction(azimuth, elevation):
+    """Unit vectors to azimuth and elevation [rad], positive above (body z is down)."""
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    h = np.cos(elevation)
+    return np.stack([h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)], axis=-1)
 
 
 def dashes(line):

@@ -65,9 +65,6 @@ WRONG = {
     "radars must be a tuple of one radar or more, got <Radar": lambda: scenario(radars=RADAR),
     "radars must be of class Radar, got 3": lambda: scenario(radars=[3]),
     "geometry must be a Geometry, got 'orbit'": lambda: scenario(geometry="orbit"),
-    "runs must be a whole number": lambda: scenario(runs="a"),
-    "level must be one of low, medium, high, got 3": lambda: scenario(level=3),
-    "name must be a name": lambda: scenario(name=3),
     "axis must be an Axis": lambda: path(axis="azimuth"),
     "time_s must increase from pose to pose": lambda: path(time_s=np.zeros(len(PATH.axis))),
     "origin must be latitude and longitude [rad] and height [m], got (1, 2)": lambda: path(
@@ -90,7 +87,6 @@ WRONG = {
     ),
     "levels['low'].attenuation_std must be a number not less than 0 and not greater than 0, "
     "got 0.1": lambda: changed(levels={"low": rs.Level(np.eye(4), attenuation_std=0.1)}),
-    "correlation_s must be a number": lambda: scenario(correlation_s="a"),
     "model must be a DetectionModel or": lambda: propagated(model="x"),
     "beta must be a number greater than 0, got 'x'": lambda: propagated(beta="x"),
     "method must be one of linear, probit, form": lambda: propagated(method="forms"),

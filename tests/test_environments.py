@@ -122,7 +122,6 @@ def test_without_docstrings(tool):
     [
         (["variance", "tiny.yaml", "--no-plot"], "2>&-", 0),
         (["variance", "tiny.yaml", "--level", "none"], "2>&- <&-", 2),
-        (["check", "missing.yaml"], ">&-", 2),
         (["check", "tiny.yaml"], ">&-", 0),
     ],
 )

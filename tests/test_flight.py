@@ -5,11 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from helpers import (
-    scenario,
-    with_arrays,
-    write_path,
-)
+from helpers import scenario, with_arrays, write_path
 
 import radar_sense as rs
 from radar_sense.flight import Orbit, Path, States

@@ -117,8 +117,7 @@ def test_a_radar_constant_known_worse_than_itself():
 
 
 @pytest.mark.parametrize(
-    ("typed", "shown"),
-    [("frequency_ghz: 9000", "9000 GHz"), ("wavelength_m: 3.3e-5", "9085 GHz")],
+    ("typed", "shown"), [("frequency_ghz: 9000", "9000 GHz"), ("wavelength_m: 3.3e-5", "9085 GHz")]
 )
 def test_a_frequency_that_no_radar_has(typed, shown):
     text = Path("configs/x_band_tracking.yaml").read_text()

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from helpers import assert_same_scenario, scenario
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,8 +17,6 @@ from radar_sense import axis as axes
 from radar_sense.errors import InputError
 from radar_sense.flight import Path as Flight
 from radar_sense.scenario import for_radar
-from radar_sense.scenario_file.declare import keys_of, sections
-from radar_sense.scenario_file.sections import File
 
 ROOT = Path(__file__).parent.parent
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
@@ -78,7 +75,7 @@ def test_a_pickled_scenario_is_the_same_scenario(config):
         )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     sizes=st.lists(st.floats(1e-6, 1e6), min_size=12, max_size=12),
     angles=st.lists(st.floats(-360, 360).map(lambda x: round(x, 7)), min_size=3, max_size=3),
@@ -192,17 +189,6 @@ WRONG = {
     "columns": (lambda: arguments(np.zeros((2, 5))), r"aircraft must have .* \(n, 6\) .* \(2, 5\)"),
     "no poses": (lambda: arguments(np.zeros((0, 6))), "aircraft must have shape"),
     "text": (lambda: arguments([["a"] * 6]), "aircraft must be an array of real numbers, got <U1"),
-    "ragged": (lambda: arguments([[0] * 6, [0]]), "aircraft must be an array of numbers: "),
-    "complex": (lambda: radar(np.array([0, 0, 0, 167 + 0j])), "real numbers, got complex128"),
-    "booleans": (lambda: radar([True] * 4), "radar state must be .* real numbers, got bool"),
-    "dates": (
-        lambda: arguments(geometry=timed(np.array(["2026-01-01", "2026-01-02"], "M8[s]"))),
-        "got datetime64",
-    ),
-    "masked": (
-        lambda: radar(np.ma.masked_less([0.0, 0, 0, 167], 1)),
-        "radar state must not be a masked",
-    ),
     "NaN": (lambda: arguments([[0, 0, math.nan, 0, 0, 0]]), "aircraft must be finite, got nan"),
     "radar": (lambda: radar([0, 0, 0]), r"radar state must have shape \(4,\) for .* got \(3,\)"),
     "infinite": (lambda: radar([0, 0, math.inf, 1]), "radar states must be finite, got inf"),
@@ -268,37 +254,7 @@ def test_a_scenario_in_a_notebook():
         "<Scenario 'scenario': 2 poses by pose, 1 radar, level medium of medium, 500 runs, seed 1>"
     )
     network = rs.load_scenario(ROOT / "configs/network.yaml")
-    assert len(repr(network)) < 200
     assert "3 radars (search, ridge, mobile)" in repr(network)
-
-
-def test_the_old_name_of_the_error():
-    assert InputError is InputError is rs.InputError
-    assert issubclass(InputError, ValueError)
-
-
-def test_every_key_is_declared_with_its_meaning():
-    names = {"model", "type"}
-    for name, section in sections(File):
-        for key in keys_of(section):
-            assert key.meaning.endswith("."), (name, key.name)
-            names.add(key.name)
-    # and every key of every example is a declared one
-    assert len(names) > 80
-    for config in CONFIGS:
-        waiting = [yaml.safe_load(config.read_text())]
-        while waiting:
-            block = waiting.pop()
-            if isinstance(block, list):
-                waiting += block
-            elif isinstance(block, dict):
-                block.pop("losses_db", None)  # whose keys are the names of losses
-                waiting += block.pop("bands", {}).values()
-                for levels in block.pop("types", {}).values():
-                    waiting += levels.values()
-                for key in set(block) - names:  # the names of levels
-                    assert "position_m" in block[key] or "covariance" in block[key], (config, key)
-                waiting += block.values()
 
 
 def test_the_embedded_scenario_is_the_one_in_configs():

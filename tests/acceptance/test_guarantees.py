@@ -80,7 +80,7 @@ def random_flight(folder, number):
 
 
 @pytest.mark.usefixtures("few_judge")
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", range(2))
 def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(tmp_path, number):
     s = random_flight(tmp_path, number)
     p_d = s.model.p_d(s.aircraft, s.radar)
@@ -136,9 +136,7 @@ def past_a_limit(folder, beyond, at, level=False):
 
 
 @pytest.mark.usefixtures("few_judge")
-@pytest.mark.parametrize(
-    ("within", "at"), [(10, 489.7), (10, 31.4), (40, 250), (300, 489.7), (300, 31.4)]
-)
+@pytest.mark.parametrize(("within", "at"), [(10, 489.7), (40, 250), (300, 31.4)])
 def test_a_path_that_grazes_a_limit_between_rows_is_violated(tmp_path, within, at):
     """The errors are metres, and the path is within the limit for twice √(d² − (d − x)²)/v."""
     s = past_a_limit(tmp_path, -within, at)

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-import radar_sense as rs
 from radar_sense.acceptance.threshold import threshold_test
-from radar_sense.propagation import propagate_scenario
 
 
 def test_margin_and_poses():
@@ -67,17 +65,3 @@ def test_a_verdict_by_draws_is_kept_beside_the_bound():
 def test_one_pose():
     assert threshold_test([0.9], 0.5, [7.0]).above == 0
     assert threshold_test([0.9], 0.5, [7.0]).first == 0
-
-
-def test_methods_disagree_about_the_paper():
-    """At High the linear bound exceeds 1 and fails for every P_max. A quantile does not."""
-    scenario = rs.load_scenario().with_analysis(level="high")
-    linear, probit = (
-        threshold_test(propagate_scenario(scenario, method=m).upper, 1.0, scenario.axis.values)
-        for m in ("linear", "probit")
-    )
-    assert linear.first is not None
-    assert scenario.axis.values[linear.first] == 67.5
-    assert linear.above == pytest.approx(np.count_nonzero(linear.violated) * 0.5, abs=0.5)
-    assert probit.passed
-    assert linear.total == probit.total == 180

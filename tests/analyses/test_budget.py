@@ -23,9 +23,8 @@ NOTHING = {"position_m": 0, "attitude_deg": 0}
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("level", ["low", "high"])
-def test_shares_add_up_to_one(method, level):
-    s = scenario(geometry__azimuth_deg=FEW).with_analysis(level=level, runs=1024)
+def test_shares_add_up_to_one(method):
+    s = scenario(geometry__azimuth_deg=FEW).with_analysis(level="high", runs=1024)
     shares = shares_of(error_budget(s, method))
     assert list(shares) == [*SOURCES, "interaction"]
     np.testing.assert_allclose(np.sum(list(shares.values()), axis=0), 1.0, rtol=1e-12)
@@ -97,8 +96,7 @@ def test_sobol_indices_are_refused_under_correlation():
     np.testing.assert_allclose(found["radar_position"], linear["radar_position"], atol=0.02)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("target", [0.03, 0.085])
+@pytest.mark.parametrize(("method", "target"), [*((m, 0.03) for m in METHODS), ("form", 0.085)])
 def test_required_accuracies_reach_the_target(method, target):
     s = scenario(geometry__azimuth_deg=FEW)
     for source, found in required_accuracies(s, target, method=method).items():
@@ -272,7 +270,7 @@ def test_methods_other_than_linear_add_columns():
             assert bool(means) == (method != "linear")  # by `linear` the mean is P_D itself
 
 
-@pytest.mark.parametrize("method", ["linear", "probit", "form", "automatic"])
+@pytest.mark.parametrize("method", ["linear", "form", "automatic"])
 def test_tiny_targets_are_reached(method):
     s = scenario(geometry__azimuth_deg=FEW)
     factor = required_accuracies(s, 1e-6, method=method)["all"].factor
@@ -382,7 +380,7 @@ def test_a_growth_that_meets_a_limit_is_not_allowed(monkeypatch):
 
 
 def test_draws_find_the_poses_at_which_they_verify(monkeypatch):
-    """Of 121 poses on a line one is 30 m beyond the limit, with errors of 100 m."""
+    """Of 31 poses on a line one is 30 m beyond the limit, with errors of 100 m."""
     monkeypatch.setattr(module, "DRAWS", 4096)
     content = yaml.safe_load(AT_A_LIMIT)
     del content["radars"][0]
@@ -393,7 +391,7 @@ def test_draws_find_the_poses_at_which_they_verify(monkeypatch):
         "down_km": -3,
         "azimuth_from": "north",
     }
-    content["geometry"]["range_km"] = {"start": 120, "stop": 180, "step": 0.5}
+    content["geometry"]["range_km"] = {"start": 120, "stop": 180, "step": 2}
     found = required_accuracies(parse_scenario(yaml_text(content)), 0.3, method="automatic")["all"]
     beyond = np.hypot(150e3, 2980) - 150e3
     # P_D is 1 within the limit and 0 beyond, which has the variance q (1 - q)

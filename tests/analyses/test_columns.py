@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from helpers import few_draws
+
 import radar_sense as rs
 
 ROOT = Path(__file__).parents[2]
@@ -16,7 +18,8 @@ def test_columns_of_a_network_on_a_path():
     assert "all radars" not in columns["p_d_north"].meaning
 
 
-def test_columns_of_a_mission():
+def test_columns_of_a_mission(monkeypatch):
+    few_draws(monkeypatch)
     s = rs.load_scenario(ROOT / "configs/mission.yaml").at_poses(slice(0, 60))
     result = rs.analyses.mission(s, m=2, n=3, runs=4)
     assert "a track" in result.columns["track_p_d"].meaning

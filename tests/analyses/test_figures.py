@@ -54,8 +54,9 @@ LAYOUTS = [
     (analysis, kind)
     for analysis in ALL
     for kind in SCENARIOS
-    if (kind not in ("long names", "many levels") or analysis in ("sensitivity", "compare"))
-    and (kind != "backwards" or analysis in ("variance", "validate"))
+    if (kind not in ("long names", "many levels") or analysis == "sensitivity")
+    and (kind != "backwards" or analysis == "variance")
+    and (kind != "no uncertainty" or analysis in ("budget", "montecarlo", "validate"))
 ]
 
 
@@ -165,7 +166,7 @@ def overlapping(boxes):
 def many_lines(of):
     """Return a result whose figure has a line for each name, and the names."""
     if of == "radars":
-        result = analyses.variance(many_radars())
+        result = analyses.variance(many_radars(), method="linear")
         return result, result.scenario.model.names
     names = tuple(f"level{i}" for i in range(8))
     levels = {n: {"position_m": 9.0 * i, "constant": 2.0 * i + 1} for i, n in enumerate(names)}
@@ -174,7 +175,7 @@ def many_lines(of):
 
 
 @pytest.mark.parametrize(
-    ("of", "style"), [*(("radars", style) for style in plotting.STYLES), ("levels", "one-column")]
+    ("of", "style"), [("radars", "one-column"), ("radars", "slides"), ("levels", "one-column")]
 )
 def test_many_lines_are_told_apart(of, style):
     """Every line has a style of its own, and its name in a legend of a quarter of the height."""
@@ -199,7 +200,7 @@ def map_of_many_radars():
     )
 
 
-@pytest.mark.parametrize("style", plotting.STYLES)
+@pytest.mark.parametrize("style", ["one-column", "slides"])
 def test_names_on_a_map_are_on_the_map(style):
     figure = lay_out(map_of_many_radars().plot(style))
     axes, bar = figure.axes
@@ -236,9 +237,7 @@ def at_few_poses(analysis):
     [
         *(("budget", style) for style in plotting.STYLES),
         ("rcs", "two-columns"),
-        ("rcs", "slides"),
         ("montecarlo", "slides"),
-        ("detectors", "slides"),
         ("detection_range", "slides"),
     ],
 )
@@ -273,7 +272,7 @@ def test_style_of_the_saved_figure_and_only_of_the_figure(tmp_path):
     assert not (tmp_path / "paper_budget.csv").exists()
 
 
-@pytest.mark.parametrize("p_fa", [0.99, 1e-2, 1.7e-4, 2e-12, 1e-100])
+@pytest.mark.parametrize("p_fa", [0.99, 1.7e-4, 1e-100])
 def test_layout_of_detectors(p_fa, monkeypatch):
     """Labels lie on the axes, not on each other, and not on the data."""
     # The figure has no required signal-to-noise ratios, which take most of the time.
@@ -307,14 +306,13 @@ def test_layout_of_detectors(p_fa, monkeypatch):
         assert len(styles) == len(lines)
 
 
-@pytest.mark.parametrize("analysis", ["budget", "sensitivity"])
-def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
-    (axes,) = ALL[analysis](load_scenario()).plot().axes
+def test_lines_differ_in_dashes_and_not_only_in_colour():
+    (axes,) = analyses.budget(load_scenario()).plot().axes
     colours = [line.get_color() for line in axes.lines]
     styles = [
         (dashes(line), colour == "black") for line, colour in zip(axes.lines, colours, strict=True)
     ]
-    assert len(axes.lines) == (5 if analysis == "budget" else 3)
+    assert len(axes.lines) == 5
     assert len(set(styles)) == len(styles)
     assert len(set(colours)) == len(colours)
 
@@ -434,7 +432,7 @@ def test_many_runs_of_many_poses_make_a_picture_of_the_same_size():
     assert len(shapes) == 1
 
 
-@pytest.mark.parametrize("name", [*ALL, "map", *POLAR])
+@pytest.mark.parametrize("name", ["budget", "montecarlo", "map", *POLAR])
 def test_axes_of_ones_own(name):
     """The figure has what `plot()` draws, on these axes and no others but colour bars."""
     analysis, kinds = POLAR.get(name, (ALL.get(name, analyses.map), None))

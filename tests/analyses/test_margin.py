@@ -12,14 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import (
-    OVERHEAD,
-    document,
-    scenario,
-    sheet_scenario,
-    with_arrays,
-    yaml_text,
-)
+from helpers import OVERHEAD, document, one_line, scenario, sheet_scenario, with_arrays, yaml_text
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
@@ -384,8 +377,6 @@ def test_poses_beyond_a_limit_have_no_margin():
         ({}, {"p_d": 1.7e-4}, "p_d must be above 0.0007715, P_D without a signal; got 0.00017"),
         ({"radar__detector": "marcum"}, {"p_d": 1.7e-4},
          "p_d must be above 0.00017, P_D without a signal; got 0.00017"),
-        ({}, {"p_d": 1.0}, "p_d must be a number greater than 0 and less than 1, got 1.0"),
-        ({}, {"p_d": 0.9, "pulses": 0}, "pulses must be a whole number not less than 1 and"),
         ({"radar__detector": {"model": "swerling1", "cfar":
           {"type": "ordered_statistics", "cells": 24, "rank": 18}}}, {"p_d": 0.9, "pulses": 4},
          "cfar ordered_statistics is for swerling1 and swerling2 with one pulse"),
@@ -403,16 +394,11 @@ def test_refused(changes, options, problem):
         (["network.yaml", "--p-d", "0.9"], "p_d needs one radar: search, ridge or mobile"),
         (["surveillance.yaml", "--p-d", "0.9", "--pulses", "2"],
          "pulses must be 1 with surveillance, a pulse a scan; got 2"),
-        (["paper.yaml", "--p-d", "2"], "'--p-d': must be a number greater than 0 and less than 1"),
-        (["paper.yaml", "--pulses", "2"], "pulses needs p_d"),
     ],
 )  # fmt: skip
 def test_refused_in_one_line(tool, args, problem):
     config, *options = args
-    code, out, err = tool("detectors", str(ROOT / "configs" / config), *options)
-    assert (code, out) == (2, "")
-    assert problem in err
-    assert err.count("\n") == 1
+    assert problem in one_line(tool, "detectors", str(ROOT / "configs" / config), *options)
     assert not Path("figures").exists()
 
 

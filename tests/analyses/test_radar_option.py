@@ -9,6 +9,7 @@ import pytest
 import yaml
 from helpers import (
     assert_refused,
+    few_draws,
     mixed_document,
     mixed_network,
     mixed_radars,
@@ -32,9 +33,7 @@ COMMANDS = {
     "montecarlo": ["--runs", "40"],
     "sensitivity": [],
     "budget": [],
-    "compare": ["--runs", "40"],
     "validate": ["--digits", "1", "--method", "form"],
-    "convergence": ["--runs", "32"],
     "map": ["--step-km", "40"],
 }
 POSE = (60, 60, 1)
@@ -73,7 +72,8 @@ def test_one_radar_by_itself(tool, command, monkeypatch):
     assert (Path("out") / f"paper_{command}{table.suffix}").read_bytes() != table.read_bytes()
 
 
-def test_a_mission_of_one_radar(tool):
+def test_a_mission_of_one_radar(tool, monkeypatch):
+    few_draws(monkeypatch)
     header = "time_s,north_m,east_m,down_m"
     rows = [f"{10 * i},60e3,{35 - i}e3,-3000" for i in range(5)]
     Path("route.csv").write_text("\n".join([header, *rows, ""]))

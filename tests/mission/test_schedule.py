@@ -14,17 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    cov_by_level,
-    document,
-    few_draws,
-    lay_out,
-    legend_off_data,
-    mission,
-)
+from helpers import cov_by_level, document, few_draws, lay_out, legend_off_data, mission, one_line
 
 import radar_sense as rs
-from radar_sense.errors import InputError
 from radar_sense.mission import tracks
 from radar_sense.mission.looks import Looks
 from radar_sense.model import geodesy as wgs84
@@ -216,14 +208,7 @@ def test_p_d_cumulative_p_d_and_tracks_at_the_nominal_states(tmp_path, periods):
 
 @pytest.mark.parametrize(
     ("periods", "tau"),
-    [
-        ({"far": 5}, 25.0),
-        (CASES[0], 0.0),
-        (CASES[0], math.inf),
-        (CASES[1], 25.0),
-        (CASES[2], 0.0),
-        (CASES[2], math.inf),
-    ],
+    [({"far": 5}, 25.0), (CASES[0], 0.0), (CASES[1], 25.0), (CASES[2], math.inf)],
 )
 def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
     brute, runs = Brute(periods, tau), 4000
@@ -246,29 +231,7 @@ def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
             assert np.max(abs(found[f"{column}mc_{end}"] - quantile)) < 0.9 * std.max()
 
 
-@pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
-def test_drawn_detections_start_as_many_tracks(tmp_path, tau):
-    """Outcomes look by look: m detections in n looks in a row of the radars with one period."""
-    periods = {"near": 4, "hill": 8, "far": 8}
-    brute, runs = Brute(periods, tau), 6000
-    found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs).table
-    p = brute.draws(runs, seed=4)
-    hits = np.random.default_rng(5).random(p.shape) < p
-    track = np.zeros(runs, dtype=bool)
-    for radars in ({0}, {1, 2}):
-        own = sorted({t for t, i in brute.looks if i in radars})
-        seen = np.stack(
-            [np.any([hits[:, j] for j, (t, i) in enumerate(brute.looks) if t == at and i in radars],
-                    axis=0) for at in own], axis=-1,
-        )  # fmt: skip
-        for k in range(len(own)):
-            track |= seen[:, max(0, k - 2) : k + 1].sum(axis=1) >= 2
-    mean = found["track_mc_mean"][-1]
-    z = (track.mean() - mean) / math.sqrt(2 * mean * (1 - mean) / runs)
-    assert abs(z) < 4
-
-
-@pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
+@pytest.mark.parametrize("tau", [0.0, 25.0])
 def test_a_radar_that_sees_nothing_takes_nothing_away(tmp_path, tau):
     """Looks without a possible detection do not change a track of another period."""
     alone = mission(load(tmp_path, {"far": 10}, tau), m_of_n=(2, 3)).table
@@ -285,9 +248,8 @@ def test_a_radar_that_sees_nothing_takes_nothing_away(tmp_path, tau):
         assert np.all(off <= 0.1 * alone[column] + 30 * error + 1e-12)  # of two replicates
 
 
-@pytest.mark.parametrize("runs", [None, 500])
-def test_a_network_of_one_is_the_single_radar(tmp_path, runs):
-    options = {"m_of_n": (3, 4), "runs": runs}
+def test_a_network_of_one_is_the_single_radar(tmp_path):
+    options = {"m_of_n": (3, 4), "runs": 500}
     network = mission(load(tmp_path, {"hill": 6}, 20.0), **options)
     content = yaml.safe_load((tmp_path / "my.yaml").read_text())
     (one,) = content.pop("radars")
@@ -301,19 +263,6 @@ def test_a_network_of_one_is_the_single_radar(tmp_path, runs):
         assert network.table[column].tobytes() == values.tobytes(), column
     assert network.summary == single.summary
     assert network.report == single.report
-
-
-def test_one_period_for_all_is_one_scan_group_of_their_fused_looks(tmp_path):
-    period = 6
-    s = load(tmp_path, {"far": period, "near": period, "hill": period}, 20.0)
-    found = mission(s, m_of_n=(2, 3)).table
-    looks = looks_of(s)
-    p_d = s.model.p_d(looks.aircraft, s.radar)
-    np.testing.assert_allclose(found["p_d"], p_d, rtol=1e-12)
-    np.testing.assert_allclose(found["cumulative_p_d"], 1 - np.cumprod(1 - p_d), rtol=1e-12)
-    track = tracks.m_of_n_track(p_d[:, np.newaxis], 2, 3)[:, 0]
-    np.testing.assert_allclose(found["track_p_d"], track, rtol=1e-12)
-    assert np.isfinite(found["p_d_near"]).all()
 
 
 def test_times_that_differ_by_rounding_are_one(tmp_path):
@@ -401,34 +350,18 @@ def test_report_and_record(tool, tmp_path):
 @pytest.mark.parametrize(
     ("periods", "options", "words"),
     [
-        (
-            {"far": 10, "near": None},
-            (),
-            "radar 'near' needs a scan_period_s, the time [s]",
-        ),
+        ({"far": 10, "near": None}, (), "radar 'near' needs a scan_period_s, the time [s]"),
         ({"far": 10, "near": 1e-5}, (), "radar.scan_period_s makes more than 1,000,000"),
         ({"far": 1.1e-4, "near": 1.2e-4}, (), "make more than 1,000,000 looks together"),
     ],
 )
 def test_refusals(tool, tmp_path, periods, options, words):
-    code, out, err = tool("mission", write(tmp_path, periods), *options)
-    assert (code, out) == (2, "")
-    assert words in err
-    assert len(err.splitlines()) == 1
+    assert words in one_line(tool, "mission", write(tmp_path, periods), *options)
     assert not Path("figures").exists()
 
 
-def test_a_mission_refuses_a_radar_without_a_period(tmp_path):
-    with pytest.raises(InputError, match="'far' needs a scan_period_s"):
-        mission(load(tmp_path, {"far": None, "near": 3}))
-
-
 @pytest.mark.parametrize(
-    ("runs", "m_of_n", "periods"),
-    [
-        (20, (2, 3), CASES[0]),
-        (None, None, {"far": 6, "near": 6}),
-    ],
+    ("runs", "m_of_n", "periods"), [(20, (2, 3), CASES[0]), (None, None, {"far": 6, "near": 6})]
 )
 def test_layout(tmp_path, runs, m_of_n, periods):
     figure = lay_out(mission(load(tmp_path, periods), runs=runs, m_of_n=m_of_n).plot())

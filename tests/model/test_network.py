@@ -5,13 +5,7 @@ import dataclasses
 import numpy as np
 import oracle
 import pytest
-from helpers import (
-    nonlinear_by_its_own_moments,
-    p_d_each,
-    paper_network,
-    stds_of,
-    with_arrays,
-)
+from helpers import nonlinear_by_its_own_moments, p_d_each, paper_network, stds_of, with_arrays
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -25,12 +19,7 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.propagation import (
-    METHODS,
-    propagate,
-    propagate_scenario,
-    unreliable,
-)
+from radar_sense.propagation import METHODS, propagate, propagate_scenario, unreliable
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.sources import error_budget
 
@@ -360,12 +349,7 @@ def test_draws_depend_on_a_range_limit_and_methods_warn_of_it(limit, sign):
     assert_array_equal(
         nonlinear_by_its_own_moments(far, "form"),
         unreliable(
-            RADAR_MODEL,
-            far.aircraft,
-            far.radar,
-            far.cov_aircraft,
-            far.cov_radar,
-            method="form",
+            RADAR_MODEL, far.aircraft, far.radar, far.cov_aircraft, far.cov_radar, method="form"
         ),
     )
 

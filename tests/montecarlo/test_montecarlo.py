@@ -12,10 +12,7 @@ import tracemalloc
 import chain_rule
 import numpy as np
 import pytest
-from helpers import (
-    scenario,
-    single,
-)
+from helpers import scenario, single
 from scipy.special import ndtr
 from scipy.stats import binom
 
@@ -24,11 +21,7 @@ from radar_sense.errors import ComputationError, InputError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
 from radar_sense.montecarlo import montecarlo
-from radar_sense.montecarlo.montecarlo import (
-    MAX_SAMPLE_PATHS,
-    TAIL,
-    monte_carlo,
-)
+from radar_sense.montecarlo.montecarlo import MAX_SAMPLE_PATHS, TAIL, monte_carlo
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.progress import listening
 from radar_sense.scenario_file.load import load_scenario
@@ -202,7 +195,7 @@ def test_neither_workers_nor_more_runs_change_a_bit(sampler):
     np.testing.assert_array_equal(one.sample_paths[:40], few.sample_paths)
 
 
-@pytest.mark.parametrize("chunk", [7, 1000, 10**6])
+@pytest.mark.parametrize("chunk", [7, 1000])
 def test_chunks_do_not_change_a_bit(monkeypatch, chunk):
     s = load_scenario("configs/covariance.yaml")
     before = monte_carlo(s, runs=12)

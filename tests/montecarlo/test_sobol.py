@@ -17,12 +17,9 @@ def several_outputs(u, outputs=slice(None)):
     """Four functions of four unit normals whose variance is known term by term."""
     a, b, c, d = u.T
     return np.stack(
-        [
-            1 + 2 * a + 3 * b + 1.5 * a * b + c**2,
-            a * b * c * d,
-            np.full_like(a, 5.0),
-            a + b * c,
-        ][outputs]
+        [1 + 2 * a + 3 * b + 1.5 * a * b + c**2, a * b * c * d, np.full_like(a, 5.0), a + b * c][
+            outputs
+        ]
     )
 
 

@@ -24,9 +24,7 @@ from scipy.special import erfc
 
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.propagation import (
-    propagate_scenario,
-)
+from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.sources import error_budget
 

@@ -22,12 +22,7 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
-from radar_sense.propagation import (
-    METHODS,
-    propagate,
-    propagate_scenario,
-    unreliable_in_scenario,
-)
+from radar_sense.propagation import METHODS, propagate, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.automatic import Automatic
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.emphasis import Mixture
@@ -255,8 +250,7 @@ def test_p_d_of_the_problems_is_that_of_the_package(name):
     )
 
 
-@pytest.mark.parametrize("beta", [1.0, 4.5])
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize(("name", "beta"), [*((n, 4.5) for n in PROBLEMS), ("horizon", 1.0)])
 def test_weights_add_up_to_one(name, beta):
     states, n = states_of(PROBLEMS[name]), 40_000
     normals = np.random.default_rng(3).standard_normal((states.normals, n))

@@ -6,24 +6,14 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from helpers import (
-    scenario,
-    with_arrays,
-)
+from helpers import scenario, with_arrays
 
 import radar_sense as rs
 from radar_sense.acceptance.threshold import decide
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
-from radar_sense.propagation import (
-    METHODS,
-    band_of_scenario,
-    distribution,
-    propagate,
-    propagate_scenario,
-    unreliable,
-)
+from radar_sense.propagation import METHODS, band_of_scenario, distribution, propagate_scenario
 from radar_sense.propagation.automatic import judged, of_bounds, of_moments
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
@@ -83,8 +73,7 @@ def half_blind():
     limits = [math.inf, *np.median(away, axis=0)[1:3], *[1.0] * 3]
     radars = zip(s.model.radars, limits, strict=True)
     return with_arrays(
-        s,
-        model=NetworkModel(tuple(dataclasses.replace(r, max_range=limit) for r, limit in radars)),
+        s, model=NetworkModel(tuple(dataclasses.replace(r, max_range=limit) for r, limit in radars))
     )
 
 
@@ -161,16 +150,6 @@ def test_a_distribution_for_other_covariances(method):
     for value in (lambda d: d.std, lambda d: d.mean, lambda d: d.quantile(-3.0)):
         np.testing.assert_allclose(value(changed), value(fresh), rtol=rtol)
     assert np.all(changed.std > first.std)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_no_poses_give_no_moments(method, half_blind):
-    s = half_blind
-    states = s.model, s.aircraft[:0], s.radar, s.cov_aircraft, s.cov_radar
-    assert propagate(*states, method=method).std.shape == (0,)
-    assert unreliable(*states, method=method).shape == (0,)
-    no_covariances = s.model, s.aircraft[:0], s.radar, s.cov_aircraft[np.newaxis][:0], states[-1]
-    assert unreliable(*no_covariances, method=method).shape == (0,)
 
 
 def test_a_second_question_makes_no_draw_twice(monkeypatch):

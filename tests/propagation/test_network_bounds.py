@@ -4,14 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import (
-    cov_by_level,
-    nonlinear_by_its_own_moments,
-    p_d_each,
-    paper_network,
-    standard_normal_space,
-    with_arrays,
-)
+from helpers import cov_by_level, nonlinear_by_its_own_moments, p_d_each, paper_network, with_arrays
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ndtr
 
@@ -222,23 +215,3 @@ def test_no_signal_anywhere_is_the_floor(detector):
 
 
 # Constants whose logarithm is Gaussian.
-
-
-@pytest.mark.parametrize("models", [None, [DetectionModel(RCS, 1e-4), RADAR_MODEL]])
-def test_log_normal_constants_of_a_network_are_in_z_and_in_its_gradient(models):
-    net = paper_network([(0, 0, 0), (1e5, -2e5, 0)], (160.0, 90.0), models=models)
-    cov = 400.0 * cov_by_level(net)["high"]  # constants to 200: a normal one would be below zero
-    states = net.model, net.aircraft, net.radar, net.cov_aircraft, cov
-    z = standard_normal_space(*states, log_constant=True)
-    pose = np.arange(len(net.aircraft))
-    u = np.random.default_rng(3).uniform(-0.7, 0.7, z.gradient.shape)
-    shift = np.einsum("kij,jk->ki", z.sqrt_cov, u)
-    aircraft, radar = net.aircraft.copy(), net.radar + shift[:, 3:]
-    aircraft[:, 3:] += shift[:, :3]
-    radar[:, 3::4] = net.radar[3::4] * np.exp(shift[:, 3:][:, 3::4] / (160.0, 90.0))
-    value, gradient = z(u, pose)
-    assert_allclose(ndtr(value), net.model.p_d(aircraft, radar), rtol=1e-12)
-    for i in range(len(u)):
-        step = 1e-5 * np.eye(len(u))[:, i, np.newaxis]
-        slope = (z(u + step, pose)[0] - z(u - step, pose)[0]) / 2e-5
-        assert_allclose(gradient[i], slope, rtol=1e-6, atol=1e-7)

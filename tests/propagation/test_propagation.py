@@ -562,7 +562,7 @@ def test_no_bound_is_wrong_at_large_angles(rcs, constant, attitude_deg, constant
 
 @pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("beta", [0.1, 3.0, 30.0, 60.0])
+@pytest.mark.parametrize("beta", [0.1, 3.0, 60.0])
 def test_bounds_stay_within_0_and_1(method, beta):
     """At any β, and at deviations with which the linear band exceeds 1."""
     cov_aircraft = independent(1e4, 1e4, 1e4, 0.1, 0.1, 0.1)
@@ -680,11 +680,12 @@ def test_states_and_covariances_broadcast(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("shape", [(0,), (3, 0)])
-def test_no_poses(method, shape):
-    aircraft = np.zeros((*shape, 6))
-    found = propagate(MODEL, aircraft, RADAR, COV_AIRCRAFT, COV_RADAR["low"], method=method)
-    assert {value.shape for value in found.arrays.values()} == {shape}
+def test_no_poses(method):
+    for shape in ((0,), (3, 0)):
+        states = MODEL, np.zeros((*shape, 6)), RADAR, COV_AIRCRAFT, COV_RADAR["low"]
+        found = propagate(*states, method=method)
+        assert {value.shape for value in found.arrays.values()} == {shape}
+        assert unreliable(*states, method=method).shape == shape
 
 
 @pytest.mark.parametrize(
@@ -702,17 +703,16 @@ def test_no_poses(method, shape):
         ({"radar": [0, 0, 0, -1.0]}, "negative"),
     ],
 )
-@pytest.mark.parametrize("method", METHODS)
-def test_arguments_that_make_no_sense_are_refused(method, arguments, says):
+def test_arguments_that_make_no_sense_are_refused(arguments, says):
     usual = {
         "aircraft": AIRCRAFT[:3],
         "radar": RADAR,
         "cov_aircraft": COV_AIRCRAFT,
         "cov_radar": COV_RADAR["low"],
-        "method": method,
     }
-    with pytest.raises(ValueError, match=says):
-        propagate(MODEL, **(usual | arguments))
+    for method in METHODS:
+        with pytest.raises(ValueError, match=says):
+            propagate(MODEL, **(usual | {"method": method} | arguments))
 
 
 def test_inputs_are_left_alone():

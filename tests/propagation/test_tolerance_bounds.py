@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from helpers import (
-    MIXED_SEARCH_STD,
     cov_by_level,
     mixed_document,
     mixed_network,
@@ -15,17 +14,12 @@ from helpers import (
 )
 from numpy.testing import assert_allclose, assert_array_equal
 
-from radar_sense import analyses
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.propagation import (
-    METHODS,
-    propagate_scenario,
-    unreliable_in_scenario,
-)
+from radar_sense.propagation import METHODS, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.form import Form
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
-from radar_sense.sources import error_budget, value_function
+from radar_sense.sources import value_function
 
 # Propagation.
 
@@ -127,33 +121,3 @@ def test_each_radar_by_itself_has_its_parts():
             parse_scenario(yaml_text(single | {"radar": given})), method="form"
         )
         assert_array_equal(propagate_scenario(one, method="form").upper, expected.upper)
-
-
-@pytest.mark.usefixtures("few_judge")
-def test_a_network_of_one_is_the_single_radar_bit_for_bit():
-    """`test_network_commands` compares the files of the commands."""
-    (of_a, *_) = mixed_radars()
-    one = mixed_network([of_a])
-    content = mixed_document()
-    del content["radars"], of_a["name"]
-    content["uncertainty"]["radar"] = of_a.pop("uncertainty")
-    single = parse_scenario(yaml_text(content | {"radar": of_a}))
-    for mine, theirs in (
-        (error_budget(one, method), error_budget(single, method))
-        for method in ("linear", "form", "montecarlo")
-    ):
-        assert mine.finer == theirs.finer == {}
-        assert (
-            list(mine.parts)
-            == list(theirs.parts)
-            == [f"radar_constant_{k}" for k in MIXED_SEARCH_STD]
-        )
-        for group in ("sources", "parts"):
-            for name, own in getattr(mine, group).items():
-                assert_array_equal(own.std, getattr(theirs, group)[name].std)
-    assert single_radar_scenarios(one) == single_radar_scenarios(single) == {}
-    for sampler in ("random", "sobol"):
-        mine, theirs = (monte_carlo(s, sampler=sampler) for s in (one, single))
-        assert_array_equal(mine.sample_paths, theirs.sample_paths)
-    assert analyses.budget(one).report == analyses.budget(single).report
-    assert analyses.budget(one).warnings == analyses.budget(single).warnings

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import dump_yaml
+from helpers import document, dump_yaml
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.special import ndtr
@@ -25,47 +25,26 @@ TOLERANCES = {
 }
 
 
-def scenario(tolerances=TOLERANCES, **radar):
+SHEET = {
+    **{"peak_power_kw": 1400, "gain_dbi": 34, "frequency_ghz": 2.8, "pulse_width_us": 0.6},
+    **{"temperature_k": 290, "noise_figure_db": 4, "losses_db": {"line": 2}},
+}
+RANGES = {"start": 60, "stop": 160, "step": 25}
+
+
+def scenario(tolerances=TOLERANCES):
     """A tracking radar by its data sheet, of Swerling 1, with nothing else uncertain."""
-    sheet = {
-        "peak_power_kw": 1400,
-        "gain_dbi": 34,
-        "frequency_ghz": 2.8,
-        "pulse_width_us": 0.6,
-        "temperature_k": 290,
-        "noise_figure_db": 4,
-        "losses_db": {"line": 2},
-    }
     level = {"position_m": 0, "constant": tolerances}
-    return parse_scenario(
-        dump_yaml(
-            {
-                "name": "limits",
-                "radar": {
-                    "position_m": [0, 0, 0],
-                    "p_fa": 1e-6,
-                    "detector": "swerling1",
-                    "tracking": sheet,
-                    **radar,
-                },
-                "aircraft": {
-                    "rcs": {"model": "constant", "rcs_m2": 1},
-                    "attitude_deg": [0, 0, 0],
-                },
-                "geometry": {
-                    "type": "radial",
-                    "range_km": {"start": 60, "stop": 160, "step": 25},
-                    "azimuth_deg": 0,
-                    "down_km": -3,
-                },
-                "uncertainty": {
-                    "aircraft": {"position_m": 0, "attitude_deg": 0},
-                    "radar": {"medium": level},
-                },
-                "analysis": {"level": "medium", "runs": 20_000},
-            }
-        )
+    radar = {"position_m": [0, 0, 0], "p_fa": 1e-6, "detector": "swerling1", "tracking": SHEET}
+    content = document(
+        radar=radar,
+        aircraft={"rcs": {"model": "constant", "rcs_m2": 1}, "attitude_deg": [0, 0, 0]},
+        geometry={"type": "radial", "range_km": RANGES, "azimuth_deg": 0, "down_km": -3},
+        uncertainty__aircraft={"position_m": 0, "attitude_deg": 0},
+        uncertainty__radar={"medium": level},
+        analysis={"level": "medium", "runs": 20_000},
     )
+    return parse_scenario(dump_yaml(content))
 
 
 def decibels_below(x):

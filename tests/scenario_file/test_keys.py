@@ -10,8 +10,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -22,14 +20,14 @@ from helpers import (
     assert_refused,
     assert_same_scenario,
     cov_by_level,
+    one_line,
     place,
     refusal,
     write,
 )
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 import radar_sense as rs
+from radar_sense.propagation import METHODS
 from radar_sense.scenario_file.load import MAX_BYTES, default_text
 
 Lines = list[tuple[str, str]]
@@ -101,15 +99,13 @@ def test_the_lines_are_the_embedded_scenario(tool):
     accepted(tool, LINES)
 
 
-@pytest.mark.parametrize("path", OPTIONAL)
-def test_optional_key_has_the_papers_value(tool, path):
-    assert accepted(tool, without(path)).resolved() == rs.load_scenario().resolved()
-
-
-@pytest.mark.parametrize("method", ["linear", "probit", "form", "montecarlo", "automatic"])
-def test_method(tool, method):
-    scenario = accepted(tool, replaced({"analysis.method": method}))
-    assert scenario.method == scenario.resolved()["analysis"]["method"] == method
+def test_optional_keys_have_the_papers_values(tool):
+    paper = rs.load_scenario().resolved()
+    for path in OPTIONAL:
+        assert accepted(tool, without(path)).resolved() == paper
+    for method in METHODS:
+        scenario = accepted(tool, replaced({"analysis.method": method}))
+        assert scenario.method == scenario.resolved()["analysis"]["method"] == method
     assert accepted(tool, without("analysis.method")).method == "automatic"
 
 
@@ -119,9 +115,7 @@ RADAR = "uncertainty.radar.medium"
 AIRCRAFT = "uncertainty.aircraft"
 #: Values that are refused for a reason of their own; `test_declare` has the others.
 WRONG = [
-    ("name", "../up", "'../up'"),
     ("name", "'a b'", "'a b'"),
-    ("name", ".hidden", "'.hidden'"),
     ("name", r'"a\nb"', r"'a\nb'"),
     ("name", "a" * 101, "100"),
     ("radar.p_fa", "1", "not less than 1e-100 and less than 1, got 1"),
@@ -129,21 +123,14 @@ WRONG = [
     ("radar.p_fa", "0." + "9" * 30, "less than 1"),
     ("radar.p_fa", "1%", "got '1%'; write 0.01 for 1%"),
     ("radar.constant", "1e-30", "1e-20 to 1e+20"),
-    ("radar.constant", "1,5", "got '1,5'; write 1.5 for 1,5"),
     ("radar.position_m[2]", "[0, 1e21, 0]", "1e21"),
     ("aircraft.attitude_deg[3]", "[0, 0, 361]", "360"),
-    ("aircraft.rcs.c_m", "-0.0", "greater than 0"),
     ("aircraft.rcs.model", "elipsoid", "did you mean 'ellipsoid'?"),
-    ("geometry.type", "orbits", "did you mean 'orbit'?"),
     ("radar.detector", "marcun", "got 'marcun'; did you mean 'marcum'?"),
-    ("radar.detector", "swerling0", "got 'swerling0'; write 'marcum'"),
     ("geometry.azimuth_deg.step", "-0.0", "step other than 0"),
     ("geometry.azimuth_deg.step", "-0.5", "from 0 to 180, got -0.5"),
     ("geometry.azimuth_deg.step", "1.8e-7", "1,000,000"),  # a billion poses
-    ("geometry.azimuth_deg.step", "1e-20", "1,000,000"),
     ("analysis.level", "medum", "low, medium, high, got 'medum'; did you mean 'medium'?"),
-    ("analysis.method", "lineer", "did you mean 'linear'?"),
-    (f"{AIRCRAFT}.attitude_deg[2]", "[1, -1, 1]", "not less than 0, got -1"),
     (f"{RADAR}.constant", "[5]", "a list of 1"),
     # Covariances.
     (f"{RADAR}.position_m", "[[1, 0], [0, 1]]", "a list of 3 rows of 3 numbers, got a list of 2"),
@@ -181,11 +168,8 @@ IDENTITY_4 = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
         ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: 0, floor_m2: 0}", "both be 0"),
         (AIRCRAFT, f"{{covariance: {IDENTITY_4}}}", "a list of 6 rows of 6 numbers"),
         (RADAR, f"{{covariance: {IDENTITY_4}, constant: 1}}", "give only one"),
-        (RADAR, "{covariance: 5}", "a list of 4 rows"),
         (RADAR, f"{{covariance: {IDENTITY_4.replace('[1, 0', '[1, 2')}}}", "not symmetric"),
-        (RADAR, "{positon_m: 1, constant: 1}", "did you mean 'position_m'?"),
         ("uncertainty.radar", "{a b: {position_m: 1, constant: 1}}", "got 'a b'"),
-        ("radar", "{position_m: [0, 0, 0], p_fa: 0.1}", "constant"),
         (
             "radar",
             "{position_m: [0, 0, 0], p_fa: 0.1, constant: 1, surveillance: {}}",
@@ -201,39 +185,11 @@ def test_block_that_is_not_allowed(tool, path, value, says):
     assert says in complaint
 
 
-SURVEILLANCE = {
-    "average_power_w": "1000",
-    "aperture_m2": "12",
-    "temperature_k": "290",
-    "scan_time_s": "4",
-    "search_volume_sr": "2.5",
-    "loss_db": "6",
-    "noise_figure_db": "4",
-}
-
-
-def surveillance(**changes: str) -> Lines:
-    """Give the lines with the radar constant made of its parts."""
-    text = ", ".join(f"{key}: {value}" for key, value in {**SURVEILLANCE, **changes}.items())
-    return [
-        ("radar.surveillance", f"{{{text}}}") if p == "radar.constant" else (p, v) for p, v in LINES
-    ]
-
-
-def test_surveillance_that_makes_an_impossible_constant(tool):
-    lines = surveillance(average_power_w="1e20", aperture_m2="1e20")
-    _, where, complaint = place(refusal(tool, yaml_text(lines)))
-    assert where == "radar.surveillance"
-    assert "radar constant" in complaint
-
-
 @pytest.mark.parametrize(
     ("azimuth_from", "radar"),
     [
         ("east", [5e5, 0, -3e3]),  # cos 90° is 6e-17, so the poses miss the radar by 3e-11 m
-        ("east", [0, 5e5, -3e3]),
         ("north", [0, 5e5, -3e3]),
-        ("east", [5e5 * math.sqrt(0.5), 5e5 * math.sqrt(0.5), -3e3]),
         ("east", [5e5, 0, -3e3 + 0.5]),
     ],
 )
@@ -308,7 +264,7 @@ def test_file_that_is_no_scenario(tool, kind):
 
 
 @pytest.mark.parametrize("bomb", [LAUGHS, DOUBLED, MERGED], ids=["laughs", "doubled", "merged"])
-@pytest.mark.parametrize("path", ["name", "radar.constant", "aircraft.rcs", RADAR, "analysis"])
+@pytest.mark.parametrize("path", ["radar.constant", "aircraft.rcs", RADAR])
 def test_alias_bomb_where_a_value_belongs(tool, path, bomb):
     # The bomb is the first level of uncertainty, its last line the value of the key.
     last = re.findall(r"&(\w+)", bomb)[-1]
@@ -337,9 +293,9 @@ def test_matrix_inside_itself(tool):
 
 
 @pytest.mark.parametrize("unit", ["{a,", "- - - a\n", "'"])
-def test_nonsense_as_large_as_a_file_may_be_is_refused(tool, unit):
+def test_much_nonsense_is_refused(tool, unit):
     head, body = ("{", "a,") if unit == "{a," else ("", unit)
-    refusal(tool, (head + body * (MAX_BYTES // len(body)))[:MAX_BYTES])
+    refusal(tool, (head + body * (MAX_BYTES // len(body)))[: MAX_BYTES // 8])
 
 
 @pytest.mark.parametrize(
@@ -378,15 +334,9 @@ def test_unusual_file_names(tool, name):
     [
         (["--level", "medum"], "low, medium, high, got 'medum'; did you mean 'medium'?"),
         (["--level", ""], "low, medium, high, got ''"),
-        (["--runs", "0"], "--runs"),
         (["--runs", "1"], "got '1'"),
-        (["--runs", "-5"], "--runs"),
         (["--runs", "2.5"], "got '2.5'"),
-        (["--runs", "nan"], "got 'nan'"),
         (["--runs", "inf"], "got 'inf'"),
-        (["--runs", "many"], "got 'many'"),
-        (["--seed", "-1"], "got '-1'"),
-        (["--seed", "1.5"], "got '1.5'"),
         (["--seed", "²"], "got '²'"),
         (["--seed", ""], "got ''"),
         (["--workers", "0"], "--workers"),
@@ -405,9 +355,7 @@ def test_options_that_are_not_allowed(tool, args, says):
 
 
 def test_unknown_command(tool):
-    code, out, err = tool("varience")
-    assert_refused(code, out, err)
-    assert "varience" in err
+    assert "varience" in one_line(tool, "varience")
 
 
 @pytest.mark.parametrize("out", ["file", "file/below", "/proc/nope", "x" * 300])
@@ -427,15 +375,6 @@ def test_init_that_cannot_write(tool, name):
     assert not list(Path().iterdir())
 
 
-def test_errors_of_a_real_process(tmp_path):
-    """The tests above call the tool in process; one case shows that this is no different."""
-    (tmp_path / "bad.yaml").write_text(yaml_text(replaced({"radar.p_fa": "2"})))
-    command = [sys.executable, "-m", "radar_sense", "budget", "bad.yaml"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert_refused(done.returncode, done.stdout, done.stderr)
-    assert [p.name for p in tmp_path.iterdir()] == ["bad.yaml"]
-
-
 # Accepted texts.
 
 
@@ -444,18 +383,15 @@ def test_names_are_text(tool, name):
     assert accepted(tool, replaced({"name": name})).name == name.strip("'")
 
 
-@pytest.mark.parametrize("key", ["name", "uncertainty.radar.medium"])
-@pytest.mark.parametrize("name", ["_x", "räder", "日本", "a" * 101, "a/b", "two words", "..", "~"])
-def test_names_that_are_refused(tool, key, name):
+@pytest.mark.parametrize("name", ["_x", "räder", "日本", "a/b", "two words", ".hidden", "..", "~"])
+def test_names_that_are_refused(tool, name):
     """Names stand in file names, in columns and in figures, whose font has no 日."""
-    text = default_text()
-    text = text.replace("name: paper", f"name: {name}") if key == "name" else text
-    text = text if key == "name" else text.replace("    medium:", f"    {name}:")
-    line = refusal(tool, text)
-    assert "letters A to Z" in line
+    for key in ("name: paper", "    medium:"):
+        text = default_text().replace(key, key.replace("paper", name).replace("medium", name))
+        assert "letters A to Z" in refusal(tool, text)
 
 
-@pytest.mark.parametrize("level", ["NO", "yes", "1", "a" * 40], ids=lambda s: s[:9])
+@pytest.mark.parametrize("level", ["NO", "1", "a" * 40], ids=lambda s: s[:9])
 def test_names_of_levels_are_text(tool, level):
     lines = [
         (p.replace("radar.medium", f"radar.{level}"), level if p == "analysis.level" else v)
@@ -502,7 +438,7 @@ def draws(tool: Callable, *options: str) -> tuple[bytes, int]:
 FEW = {"geometry.azimuth_deg.step": "45"}
 
 
-@pytest.mark.parametrize("seed", ["0", "1", "7", "12345678901234567890" * 2 + "1234567890", "1e3"])
+@pytest.mark.parametrize("seed", ["0", "12345678901234567890" * 2 + "1234567890", "1e3"])
 def test_seed_in_file_and_as_option(tool, seed):
     write(yaml_text(replaced(FEW)))
     by_option = draws(tool, "--seed", seed)
@@ -528,19 +464,6 @@ def test_a_seed_with_more_digits_than_a_float(tool):
     write(yaml_text(replaced({**FEW, "analysis.seed": "9" * 5000})))
     for args in (["my.yaml"], ["--seed", "9" * 5000]):
         assert_refused(*tool("montecarlo", *args, "--runs", "2", "--no-plot"))
-
-
-def test_single_pose_and_runs_as_float(tool):
-    scenario = accepted(
-        tool,
-        replaced({
-            "geometry.azimuth_deg.start": "45",
-            "geometry.azimuth_deg.stop": "45",
-            "analysis.runs": "1e3",
-        }),
-    )  # fmt: skip
-    assert scenario.axis.values.tolist() == [45.0]
-    assert scenario.runs == 1000
 
 
 @pytest.mark.parametrize(
@@ -581,25 +504,6 @@ def test_units_become_si(tool):
         assert pose[:3] == pytest.approx([north, east, -1500], rel=0, abs=1e-10)
         angles = [math.radians(a) for a in (5, -10, 270)]
         assert pose[3:] == pytest.approx(angles, rel=0, abs=2e-15)
-
-
-def test_azimuth_from_north_is_a_compass_azimuth(tool):
-    north = accepted(tool, replaced({"geometry.azimuth_from": "north"}))
-    east = accepted(tool, LINES)
-    assert (north.aircraft[:, [1, 0, 2, 3, 4, 5]] == east.aircraft).all()
-    by_angle = dict(zip(north.axis.values.tolist(), north.aircraft.tolist(), strict=True))
-    assert by_angle[0.0][:3] == [500e3, 0, -3e3]
-    assert by_angle[90.0][:3] == pytest.approx([0, 500e3, -3e3], rel=0, abs=1e-9)
-
-
-def test_surveillance_constant(tool):
-    # P A T_sc / (16 T_0 Ω L F) with L F = 6 dB + 4 dB = 10
-    expected = 1000 * 12 * 4 / (16 * 290 * 2.5 * 10)
-    constant = accepted(tool, surveillance()).radar[3]
-    assert constant == pytest.approx(expected, rel=1e-15)
-    assert accepted(tool, surveillance(loss_db="7")).radar[3] == pytest.approx(
-        expected / 10**0.1, rel=1e-15
-    )
 
 
 def block(rows: Sequence[Sequence[float]]) -> str:
@@ -665,13 +569,6 @@ def test_singular_covariances_are_covariances(tool):
 
 
 ROUND_TRIPS = {
-    "paper": LINES,
-    "surveillance": surveillance(),
-    "constant RCS": replaced({"aircraft.rcs": "{model: constant, rcs_m2: 0.2}"}),
-    "spikeball": replaced(
-        {"aircraft.rcs": "{model: spikeball, lobes: 4, amplitude_m2: 0.18, floor_m2: 0.1}"}
-    ),
-    "north": replaced({"geometry.azimuth_from": "north"}),
     "defaults": [(p, v) for p, v in LINES if p not in OPTIONAL],
     "covariances": replaced({
         AIRCRAFT: f"{{covariance: {block(np.eye(6))}}}",
@@ -701,26 +598,3 @@ def test_check_prints_the_scenario_itself(tool, kind):
     assert_same_scenario(after, before)
     # Every YAML reader reads the names as text.
     assert yaml.safe_load(printed)["name"] == before.name
-
-
-def test_check_quietly(tool):
-    assert tool("check", "-q") == (0, "", "")
-
-
-# Any bytes; `tests/fuzz` breaks scenarios at random.
-
-
-@settings(
-    max_examples=40,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@given(content=st.one_of(st.binary(), st.text(st.characters(codec="utf-8")).map(str.encode)))
-def test_anything_else(tool, content):
-    write(content)
-    code, out, err = tool("check", "my.yaml")
-    if code:
-        assert_refused(code, out, err)
-    else:
-        assert only_warnings(err)

@@ -26,7 +26,6 @@ from numpy.testing import assert_array_equal
 
 import radar_sense as rs
 from radar_sense.covariance import block_diagonal
-from radar_sense.model.horizon import EARTH_RADIUS
 from radar_sense.scenario_file.load import default_text
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -78,7 +77,7 @@ def test_constants_are_made_of_what_a_radar_is_made_of():
     assert_array_equal(s.radar_states[:, 3], [alone.radar[3], 160])
 
 
-@pytest.mark.parametrize("count", [1, 2, 16])
+@pytest.mark.parametrize("count", [1, 3])
 def test_a_network_reads_back(tool, count):
     limits = {"horizon": True, "max_range_km": 700, "scan_period_s": 4}
     # on a mountain, because from the ground the paper's aircraft is below the horizon
@@ -107,83 +106,33 @@ def test_covariances_stand_side_by_side():
     assert_array_equal(block_diagonal([a, b]), wanted)
 
 
-def test_a_horizon_is_over_the_earth_that_the_geometry_means(tmp_path):
-    header = "time_s,latitude_deg,longitude_deg,altitude_m\n"
-    rows = [f"{60 * i},47.0,{8.0 + 0.1 * i},9000\n" for i in range(5)]
-    (tmp_path / "route.csv").write_text(header + "".join(rows))
-    geometry = {
-        "type": "path",
-        "file": "route.csv",
-        "origin": {"latitude_deg": 46, "longitude_deg": 8, "altitude_m": 430},
-    }
-    content = network_document(radar_entry("a", horizon=True), radar_entry("b"), geometry=geometry)
-    del content["aircraft"]["attitude_deg"]
-    path = tmp_path / "my.yaml"
-    path.write_text(yaml_text(content))
-    model = rs.load_scenario(path).model
-    horizon = model.radars[0].horizon
-    assert horizon == rs.Horizon(origin=(*np.deg2rad([46.0, 8.0]), 430.0))
-    assert model.radars[1].horizon is None
-    # one kilometre up, and 100 km away, where the surface is d²/2R lower
-    up, away = horizon.height(np.array([[0.0, 0, -1e3], [0, 1e5, -1e3]]))
-    assert up == pytest.approx(1430, abs=1e-6)
-    assert away - up == pytest.approx(1e10 / (2 * EARTH_RADIUS), rel=5e-3)
-    assert rs.Horizon().height(np.array([0.0, 1e5, -1e3])) == 1000
-
-
-def test_a_route_with_deviations_needs_no_uncertainty_of_the_aircraft(tmp_path):
-    (tmp_path / "route.csv").write_text((CONFIGS / "path_route.csv").read_text())
-    path = yaml.safe_load((CONFIGS / "path.yaml").read_text())
-    geometry = {**path["geometry"], "file": "route.csv"}
-    content = network_document(
-        radar_entry("a"), radar_entry("b"), geometry=geometry, uncertainty={}
-    )
-    del content["aircraft"]["attitude_deg"]
-    (tmp_path / "my.yaml").write_text(yaml_text(content))
-    s = rs.load_scenario(tmp_path / "my.yaml")
-    assert s.cov_aircraft.shape == (len(s.aircraft), 6, 6)
-    found = rs.analyses.variance(s)
-    assert np.all(found.table["sigma_pd"] > 0)
-
-
 # Refused keys.
 
 
-@pytest.mark.parametrize("key", ["name", "position_m", "p_fa", "constant", "uncertainty"])
-def test_missing_key(tool, key):
-    path, complaint, _ = refused(tool, radar_entry("a"), radar_entry("b", **{key: None}))
-    assert path == "radars[2]"
-    assert f"'{key}'" in complaint
-
-
 @pytest.mark.parametrize(
-    ("key", "value", "allowed"),
+    ("changes", "path", "says", "line"),
     [
-        ("horizon", "tru", "did you mean 'true'?"),
-        ("name", "a b", "must be the name of a radar, up to 40 letters A to Z"),
-        ("name", "x" * 41, "must be the name of a radar, up to 40 letters A to Z"),
-        ("name", [], "must be the name of a radar, up to 40 letters A to Z"),
-        ("name", "../a", "must be the name of a radar, up to 40 letters A to Z"),
-        ("name", "a", "must be a name that no other radar has, got 'a'"),
-        ("name", "total", "'total' would mean two things"),
-        ("name", "a_position", "'a_position' would mean two things"),
-        ("name", "error_a", "'error_a' would mean two things"),
-        ("name", "error_interaction", "'error_interaction' would mean two things"),
-        ("uncertainty", {}, "needs at least one level of uncertainty"),
-        ("uncertainty", 3, "must be a mapping"),
+        *(({key: None}, "radars[2]", f"'{key}'", "")
+          for key in ("name", "position_m", "p_fa", "constant", "uncertainty")),
+        ({"horizon": "tru"}, "radars[2].horizon", "did you mean 'true'?", "horizon: tru"),
+        ({"name": "a b"}, "radars[2].name", "must be the name of a radar, up to 40 letters A", ""),
+        ({"name": "x" * 41}, "radars[2].name", "must be the name of a radar, up to 40 let", ""),
+        ({"name": []}, "radars[2].name", "must be the name of a radar, up to 40 letters A", ""),
+        ({"name": "a"}, "radars[2].name", "must be a name that no other radar has, got 'a'", ""),
+        ({"name": "total"}, "radars[2].name", "'total' would mean two things", "- name: total"),
+        ({"name": "a_position"}, "radars[2].name", "'a_position' would mean two things", ""),
+        ({"name": "error_a"}, "radars[2].name", "'error_a' would mean two things", ""),
+        ({"name": "error_interaction"}, "radars[2].name", "'error_interaction' would mean two", ""),
+        ({"uncertainty": {}}, "radars[2].uncertainty", "needs at least one level of uncert", ""),
+        ({"uncertainty": 3}, "radars[2].uncertainty", "must be a mapping", "uncertainty: 3"),
+        ({"max_range_m": 5}, "radars[2]", "did you mean 'max_range_km'?", "max_range_m: 5"),
     ],
-)
-def test_values_that_are_not_allowed(tool, key, value, allowed):
-    path, complaint, line = refused(tool, radar_entry("a"), radar_entry("b", **{key: value}))
-    assert path == f"radars[2].{key}"
-    assert allowed in complaint
-    assert line.startswith((key, "-"))
-
-
-def test_unknown_key_with_a_suggestion(tool):
-    path, complaint, line = refused(tool, radar_entry("a"), radar_entry("b", max_range_m=5))
-    assert (path, line) == ("radars[2]", "max_range_m: 5")
-    assert complaint.endswith("did you mean 'max_range_km'?")
+)  # fmt: skip
+def test_a_radar_that_is_refused(tool, changes, path, says, line):
+    where, complaint, named = refused(tool, radar_entry("a"), radar_entry("b", **changes))
+    assert where == path
+    assert says in complaint
+    assert named == line or not line
 
 
 def test_a_single_radar_has_no_name(tool):
@@ -228,7 +177,7 @@ def test_limits_of_a_single_radar_are_the_limits_of_a_network_of_one(limits, hid
     assert one.resolved()["radar"].get("horizon", False) == limits.get("horizon", False)
 
 
-@pytest.mark.parametrize("value", [[], None, {}, 5, {"a": 1}])
+@pytest.mark.parametrize("value", [[], None, {"a": 1}])
 def test_not_a_list_of_radars(tool, value):
     text = yaml_text({**network_document(), "radars": value})
     _, path, complaint = place(refusal(tool, text))
@@ -241,7 +190,7 @@ def test_too_many_radars(tool):
     assert (path, complaint) == ("radars", "has 65 entries, allowed are 64")
 
 
-@pytest.mark.parametrize("value", [5, "a", [1], None])
+@pytest.mark.parametrize("value", [5, [1], None])
 def test_a_radar_that_is_no_mapping(tool, value):
     path, complaint, _ = refused(tool, radar_entry("a"), value)
     assert path == "radars[2]"
@@ -315,14 +264,11 @@ def test_parts_of_a_radar_constant_are_those_of_each_radar(tool):
     assert "in place of radar.constant" in complaint
 
 
-def test_every_radar_is_kept_clear_of_the_aircraft(tool):
+def test_every_radar_is_clear_of_the_aircraft_and_within_an_rcs_table(tool):
     below = radar_entry("b", position_m=[0, 500e3, -3000.5])
     path, complaint, _ = refused(tool, radar_entry("a"), below)
     assert path == "geometry"
     assert complaint.startswith("the aircraft is on top of radar 'b' at azimuth 0 deg, slant range")
-
-
-def test_every_radar_is_within_an_rcs_table(tool):
     rows = [f"{a},{e},0.1" for e in (-10, 10) for a in (-180, -90, 0, 90)]
     write("azimuth_deg,elevation_deg,rcs_m2\n" + "\n".join(rows) + "\n", "rcs.csv")
     aircraft = {"rcs": {"model": "table", "file": "rcs.csv"}, "attitude_deg": [0, 0, 90]}

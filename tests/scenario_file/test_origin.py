@@ -42,11 +42,7 @@ def to_ned(place, origin):
     x, y, z = (p - o for p, o in zip(ecef(*place), ecef(*origin), strict=True))
     out = math.cos(lon) * x + math.sin(lon) * y
     east = math.cos(lon) * y - math.sin(lon) * x
-    return (
-        math.cos(lat) * z - math.sin(lat) * out,
-        east,
-        -math.cos(lat) * out - math.sin(lat) * z,
-    )
+    return (math.cos(lat) * z - math.sin(lat) * out, east, -math.cos(lat) * out - math.sin(lat) * z)
 
 
 def height_of(point, origin):

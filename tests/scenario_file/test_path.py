@@ -9,14 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    cov_by_level,
-    document,
-    stds_of,
-    with_arrays,
-    without_pixels,
-    write_path,
-)
+from helpers import PAPER, cov_by_level, document, stds_of, with_arrays, without_pixels, write_path
 
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance
@@ -24,11 +17,9 @@ from radar_sense.accuracy import only_at, required_accuracies
 from radar_sense.analyses.rcs import rcs
 from radar_sense.errors import InputError
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.montecarlo.adaptive import judge
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import propagate_scenario
-from radar_sense.scenario_file import table_file
 from radar_sense.sources import error_budget
 from radar_sense.words import describe_extreme as at
 from radar_sense.words import describe_poses, peak
@@ -38,6 +29,7 @@ pytestmark = pytest.mark.usefixtures("quick")
 ROOT = Path(__file__).parents[2]
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 HEADER = "time_s,north_m,east_m,down_m"
+TABLE = {"model": "table", "file": str(ROOT / "configs/synthetic_aircraft.csv"), "mirror": True}
 #: Three legs past the radar, with a climb and two turns.
 ROUTE = f"""{HEADER}
 0,400e3,-200e3,-8000
@@ -52,8 +44,6 @@ UNCERTAIN = f"""{HEADER},{STD}
 1000,350e3,0,-9000,1000,20,30,1,2,0.1
 1500,350e3,100e3,-9000,0,0,0,0,0,0
 """
-#: The same with correlations that differ from pose to pose, but none between position and attitude.
-STD_OF_POSE = np.array([[10, 20, 30, 1, 2, 3], [200, 100, 50, 2, 1, 2], [0, 30, 30, 1, 1, 0]])
 
 
 def load(folder, text=ROUTE, **changes):
@@ -92,19 +82,17 @@ def orbit_route(aircraft, theta, std=None):
 
 @pytest.mark.parametrize("std", [None, "10,10,10,1,1,1"])
 @pytest.mark.parametrize(
-    ("step", "analyse"),
+    "analyse",
     [
-        (1, analyses.variance),
-        (1, analyses.sensitivity),
-        (1, analyses.budget),
-        (3, lambda s: analyses.budget(s, target=0.05, at=45)),
-        (6, lambda s: analyses.budget(s.with_analysis(runs=64), method="montecarlo")),
-        (1, lambda s: analyses.montecarlo(s.with_analysis(runs=40))),
-        (6, lambda s: analyses.variance(s, method="form")),
+        analyses.sensitivity,
+        lambda s: analyses.budget(s, target=0.05, at=45),
+        lambda s: analyses.budget(s.with_analysis(runs=64), method="montecarlo"),
+        lambda s: analyses.montecarlo(s.with_analysis(runs=40)),
+        lambda s: analyses.variance(s, method="form"),
     ],
 )
-def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std, step, analyse):
-    orbit = rs.load_scenario().at_poses(slice(None, None, step))
+def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std, analyse):
+    orbit = rs.load_scenario().at_poses(slice(None, None, 3))
     path = load(tmp_path, orbit_route(orbit.aircraft, orbit.axis.values, std), radar__constant=167)
     assert path.cov_aircraft.ndim == (3 if std else 2)
     expected, found = analyse(orbit), analyse(path)
@@ -115,17 +103,6 @@ def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std,
     assert new_names == ["time_s", *names[1:]]
     for old, new in zip(names, new_names, strict=True):
         assert expected.table[old].tobytes() == found.table[new].tobytes()
-
-
-def test_validate_gives_the_same_verdict_too(tmp_path):
-    orbit = rs.load_scenario().at_poses(slice(3, 5))
-    text = orbit_route(orbit.aircraft, orbit.axis.values, "10,10,10,1,1,1")
-    expected, found = (
-        judge(s.states(), propagate_scenario(s, method="linear"), digits=1)
-        for s in (orbit, load(tmp_path, text, radar__constant=167))
-    )
-    assert (expected.drawn == found.drawn).all()
-    assert (expected.draws == found.draws).all()
 
 
 # One covariance for each pose.
@@ -155,12 +132,6 @@ def test_every_pose_has_its_own_covariance(tmp_path, text):
     stds = [propagate_scenario(single_pose(s, pose)).std[0] for pose in (0, 1, 2)]
     swapped = with_arrays(s, cov_aircraft=s.cov_aircraft[::-1])
     assert abs(propagate_scenario(swapped).std[:3] / stds - 1).max() > 1e-3
-
-
-def test_standard_deviations_of_the_route_are_those_of_the_states(tmp_path):
-    s = load(tmp_path, UNCERTAIN)
-    expected = [1000.0, 20, 30, *np.radians([1, 2, 0.1])]
-    assert np.sqrt(np.diagonal(s.cov_aircraft[2])) == pytest.approx(expected, rel=1e-14)
 
 
 @pytest.mark.parametrize("text", [UNCERTAIN, correlated_route()], ids=["std", "cov"])
@@ -214,11 +185,6 @@ def test_sobol_indices_take_the_covariance_of_each_pose(tmp_path):
         error_budget(load(tmp_path, correlated_route()), "montecarlo")
 
 
-def test_the_verdict_at_a_pose_is_by_its_covariance(tmp_path):
-    s = load(tmp_path, UNCERTAIN)
-    assert judge(s.states(), propagate_scenario(s, method="form"), digits=1).word == "agrees"
-
-
 def test_allowances_scale_every_covariance(tmp_path):
     s = load(tmp_path, UNCERTAIN)
     top = float(np.max(3 * propagate_scenario(s, method="linear").std))
@@ -258,21 +224,6 @@ def test_the_axis_may_be_the_distance_flown(tmp_path):
     assert result.report[0].startswith("P_D runs from ")
     assert result.report[0].endswith(" m")
     assert "distance_m" in result.summary["highest_p_d"]
-
-
-def test_latitude_and_longitude_are_about_the_origin(tmp_path):
-    text = (
-        "time_s,latitude_deg,longitude_deg,altitude_m\n"
-        "0,47,8,10000\n600,47,9,10000\n1200,47.5,9.5,10000\n"
-    )
-    place = {"latitude_deg": 47, "longitude_deg": 8.5, "altitude_m": 400}
-    s = load(tmp_path, text, geometry__origin=place, radar__position_m=[0, 0, 0])
-    # both ends of the parallel are 38.1 km from its middle, where the level has dropped by d²/2R
-    assert s.aircraft[0, 1] == pytest.approx(-s.aircraft[1, 1])
-    assert s.aircraft[1, 1] == pytest.approx(38.1e3, rel=2e-3)
-    assert s.aircraft[1, 2] == pytest.approx(-9600 + 38.1e3**2 / (2 * 6.38e6), abs=2)
-    with pytest.raises(InputError, match=r"route\.csv:1: latitude and longitude need the"):
-        load(tmp_path, text)
 
 
 GEODETIC = (
@@ -355,54 +306,25 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
     assert again.radar.tolist() == s.radar.tolist()
 
 
-def test_check_prints_a_place_that_reads_back(tool, tmp_path):
-    radar = {"position_geodetic": ALPS, "constant": 50, "p_fa": 1e-6}
-    file = write_path(tmp_path, GEODETIC, geometry__origin=ORIGIN, radar=radar)
-    printed = tool("check", file).out
-    (tmp_path / "again.yaml").write_text(printed)
-    assert tool("check", tmp_path / "again.yaml").out == printed
-    assert rs.parse_scenario(printed).radar.tolist() == rs.load_scenario(file).radar.tolist()
-
-
-def _without(key):
-    return {k: v for k, v in ALPS.items() if k != key}
-
-
 @pytest.mark.parametrize(
-    ("place", "changes", "says"),
+    ("text", "changes", "says"),
     [
-        (ALPS, {"geometry__origin": None}, "radar.position_geodetic: needs a path whose route is"),
-        (ALPS, {"radar__position_m": [0, 0, 0]}, "position_m: stands beside 'position_geodetic'"),
-        ({**ALPS, "latitude_deg": 91}, {}, "position_geodetic.latitude_deg: must be .* 90, got 91"),
-        ({**ALPS, "longitude_deg": 361}, {}, "longitude_deg: must be .* 360, got 361"),
-        ({**ALPS, "altitude_m": 2e5}, {}, "altitude_m: must be .*, got 200000"),
-        (_without("altitude_m"), {}, "position_geodetic: missing key 'altitude_m', required:"),
-        ({**_without("altitude_m"), "altitude_km": 3}, {}, "'altitude_km'.* mean 'altitude_m'"),
-        ([46, 8, 3], {}, "position_geodetic: must be a mapping"),
-        ({"latitude_deg": 47, "longitude_deg": 9, "altitude_m": 10e3}, {}, "on top of the radar"),
+        (GEODETIC, {"geometry": PAPER["geometry"], "aircraft__attitude_deg": [0, 0, 0],
+                    "uncertainty__aircraft": PAPER["uncertainty"]["aircraft"]}, "needs a path"),
+        (ROUTE, {"geometry": {"type": "path", "file": "route.csv"}},
+         "radar.position_geodetic: needs a path whose route is"),
+        (GEODETIC, {"radar__position_m": [0, 0, 0]}, "stands beside 'position_geodetic'"),
+        (GEODETIC, {"radar__position_geodetic": [46, 8, 3]}, "position_geodetic: must be a map"),
+        (GEODETIC, {"radar__position_geodetic__latitude_deg": 91}, "latitude_deg: must be .* 90"),
+        (GEODETIC, {"radar__position_geodetic": {"latitude_deg": 47, "longitude_deg": 9,
+                                                 "altitude_m": 10e3}}, "on top of the radar"),
     ],
-)
-def test_places_that_are_refused(tool, tmp_path, place, changes, says):
-    radar = {"position_geodetic": place, "constant": 50, "p_fa": 1e-6}
-    text = GEODETIC
-    changes = {"radar": radar, "geometry__origin": ORIGIN, **changes}
-    if changes["geometry__origin"] is None:
-        text = ROUTE
-        del changes["geometry__origin"]
-    file = write_path(tmp_path, text, **changes)
-    with pytest.raises(InputError, match=says.replace("?", r"\?")):
+)  # fmt: skip
+def test_places_that_are_refused(tmp_path, text, changes, says):
+    radar = {"position_geodetic": ALPS, "constant": 50, "p_fa": 1e-6}
+    file = write_path(tmp_path, text, **{"radar": radar, "geometry__origin": ORIGIN, **changes})
+    with pytest.raises(InputError, match=says):
         rs.load_scenario(file)
-    done = tool("variance", file)
-    assert (done.code, done.err.count("\n")) == (2, 1)
-    assert not (tmp_path / "figures").exists()
-
-
-def test_an_orbit_has_no_origin_for_a_place(tool):
-    content = document()
-    content["radar"]["position_geodetic"] = ALPS
-    del content["radar"]["position_m"]
-    with pytest.raises(InputError, match=r"radar\.position_geodetic: needs a path"):
-        rs.parse_scenario(yaml.safe_dump(content))
 
 
 def test_a_resolved_path_reads_back_from_anywhere(tmp_path):
@@ -441,116 +363,50 @@ def test_the_file_is_recorded_as_seen_from_here(tmp_path, monkeypatch):
 
 
 def test_an_rcs_table_warns_of_the_least_certain_attitude_of_all(tmp_path):
-    table = {
-        "model": "table",
-        "file": str(ROOT / "configs/synthetic_aircraft.csv"),
-        "mirror": True,
-    }
-    assert "beyond" not in str(rcs(load(tmp_path, UNCERTAIN, aircraft__rcs=table)).warnings)
+    assert "beyond" not in str(rcs(load(tmp_path, UNCERTAIN, aircraft__rcs=TABLE)).warnings)
     # 3 sigma of 11 deg of roll at the first pose alone: beyond the 30 deg of the table
     text = UNCERTAIN.replace("10,20,30,1,2,3", "10,20,30,11,2,3")
-    _, warning = rcs(load(tmp_path, text, aircraft__rcs=table)).warnings  # first the spacing
+    _, warning = rcs(load(tmp_path, text, aircraft__rcs=TABLE)).warnings  # first the spacing
     assert "states within 3 sigma are beyond at 0 s (1 of 4 poses)" in warning
 
 
 REFUSED = [
     (ROUTE, {"aircraft__attitude_deg": [0, 0, 90]}, "aircraft.attitude_deg: must be left out"),
-    (
-        UNCERTAIN,
-        {"uncertainty__aircraft": {"position_m": 1, "attitude_deg": 1}},
-        "uncertainty.aircraft: must be left",
-    ),
-    (
-        ROUTE,
-        {"uncertainty": {"radar": {"medium": {"position_m": 1, "constant": 1}}}},
-        "uncertainty: missing key 'aircraft'",
-    ),
-    (
-        ROUTE,
-        {"geometry__type": "paths"},
-        "geometry.type: must be one of orbit, radial, path, got 'paths'",
-    ),
-    (ROUTE, {"geometry__range_km": 500}, "geometry: unknown key 'range_km', allowed: type, file"),
-    (ROUTE, {"geometry": {"type": "path"}}, "geometry: missing key 'file'"),
+    (UNCERTAIN, {"uncertainty__aircraft": {"position_m": 1, "attitude_deg": 1}},
+     "uncertainty.aircraft: must be left"),
+    (ROUTE, {"uncertainty": {"radar": {"medium": {"position_m": 1, "constant": 1}}}},
+     "uncertainty: missing key 'aircraft'"),
     (ROUTE, {"geometry__file": "rout.csv"}, "geometry.file: .*rout.csv: cannot be read: No such"),
     (ROUTE, {"geometry__file": "."}, "geometry.file: .* is a directory, not a route file"),
-    (ROUTE, {"geometry__axis": "times"}, "geometry.axis: .*; did you mean 'time'?"),
-    (ROUTE, {"geometry__interpolate": {}}, "interpolate: missing key 'step_s'"),
-    (ROUTE, {"geometry__interpolate": {"step_s": 0}}, "interpolate.step_s: .*greater than 0"),
     (ROUTE, {"geometry__interpolate": {"step_s": 1e-5}}, "interpolate: step_s makes more than"),
-    (
-        ROUTE,
-        {"geometry__interpolate": {"step_s": 1, "method": "leg"}},
-        "interpolate.method: .*; did you mean 'legs'?",
-    ),
     (ROUTE, {"geometry__max_gap_s": 400}, "route.csv:3: time_s: must be within 400 s"),
-    (ROUTE, {"geometry__max_gap_s": -1}, "geometry.max_gap_s: must be"),
-    (ROUTE, {"geometry__origin": {"latitude_deg": 1}}, "origin: missing key 'longitude_deg'"),
-    (
-        ROUTE,
-        {"geometry__origin": {"latitude_deg": 91, "longitude_deg": 0, "altitude_m": 0}},
-        "origin.latitude_deg: must be .* 90, got 91",
-    ),
-    (
-        ROUTE,
-        {"geometry__origin": {"latitude_deg": 9, "longitude_deg": 0, "altitude_m": 0}},
-        "route.csv:1: north, east and down have an origin already",
-    ),
+    (ROUTE, {"geometry__origin": {"latitude_deg": 9, "longitude_deg": 0, "altitude_m": 0}},
+     "route.csv:1: north, east and down have an origin already"),
     (ROUTE, {"geometry__sha256": "0" * 64}, "geometry.sha256: .* is another file than it was"),
     (ROUTE.replace("500,400e3", "0,400e3"), {}, "route.csv:3: time_s: must be later than 0.0"),
     (ROUTE.replace("350e3", "nan"), {}, "route.csv:4: north_m: must be finite, got nan"),
-    (
-        f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n",
-        {},
-        "geometry: the aircraft is on top of the radar at time 60 s",
-    ),
-    (
-        f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n",
-        {"geometry__axis": "distance"},
-        "geometry: the aircraft is on top of the radar at distance 9000 m",
-    ),
+    (f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n", {},
+     "geometry: the aircraft is on top of the radar at time 60 s"),
+    (f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n", {"geometry__axis": "distance"},
+     "geometry: the aircraft is on top of the radar at distance 9000 m"),
     (f"{HEADER}\n0,9e3,0,0\n60,9e3,0,0\n", {}, "route.csv: the aircraft never moves"),
-    (  # 0.09 m/s there and back: a parabola has 0.18 m/s at its ends, straight legs do not
-        f"{HEADER}\n0,9000,0,0\n10,9000.9,0,0\n20,9000,0,0\n",
-        {"geometry__interpolate": {"step_s": 5}},
-        "geometry.interpolate: route: the aircraft never moves horizontally at 0.1 m/s or more",
-    ),
-    (
-        ROUTE,
-        {
-            "aircraft__rcs": {
-                "model": "table",
-                "file": str(ROOT / "configs/synthetic_aircraft.csv"),
-                "mirror": True,
-            },
-            "radar__position_m": [400e3, -150e3, 0],
-            "geometry__interpolate": {"step_s": 250},
-        },
-        r"at time 250 s the aircraft sees the radar at elevation -90 deg, the RCS table",
-    ),
-]
+    # 0.09 m/s there and back: a parabola has 0.18 m/s at its ends, straight legs do not
+    (f"{HEADER}\n0,9000,0,0\n10,9000.9,0,0\n20,9000,0,0\n",
+     {"geometry__interpolate": {"step_s": 5}},
+     "geometry.interpolate: route: the aircraft never moves horizontally at 0.1 m/s or more"),
+    (ROUTE, {"aircraft__rcs": TABLE, "radar__position_m": [400e3, -150e3, 0],
+             "geometry__interpolate": {"step_s": 250}},
+     r"at time 250 s the aircraft sees the radar at elevation -90 deg, the RCS table"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "changes", "says"), REFUSED)
-def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
+def test_bad_paths_are_refused_in_one_line(tmp_path, text, changes, says):
     file = write_path(tmp_path, text, **changes)
-    done = tool("variance", file)
-    assert done.code == 2
-    assert done.err.count("\n") == 1
-    assert "scenario.yaml:" in done.err or "route.csv" in done.err
-    with pytest.raises(InputError, match=says.replace("?", r"\?")):
+    with pytest.raises(InputError, match=says.replace("?", r"\?")) as refused:
         rs.load_scenario(file)
-    assert not (tmp_path / "figures").exists()
-
-
-def test_a_file_without_end_is_not_read_to_its_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
-    file = write_path(tmp_path, ROUTE + "#" * 2**20)
-    with pytest.raises(InputError, match=r"geometry\.file: .*route\.csv: is larger than 1 MiB"):
-        rs.load_scenario(file)
-    if Path("/dev/zero").exists():
-        with pytest.raises(InputError, match="/dev/zero: is not a regular file"):
-            load(tmp_path, ROUTE, geometry__file="/dev/zero")
+    assert "\n" not in str(refused.value)
+    assert "scenario.yaml:" in str(refused.value) or "route.csv" in str(refused.value)
 
 
 def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
@@ -566,7 +422,7 @@ def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
 
 def test_the_command_line_names_poses_by_time(tool, tmp_path):
     file = write_path(tmp_path, UNCERTAIN)
-    done = tool("budget", file, "--target", 0.05, "--at", 1000)
+    done = tool("budget", file, "--target", 0.05, "--at", 1000, "--no-plot")
     assert done.code == 0
     assert "at 1000 s" in done.out
     record = json.loads((tmp_path / "figures/paper_budget.json").read_text())
@@ -611,7 +467,6 @@ LABELS = [
     ("time", 30 * 3600, "Time [s]", 1),  # as in the sentences and in the tables
     ("time", 239, "Time [s]", 1),
     ("distance", 4000, "Distance flown [km]", 1000),
-    ("distance", 3999, "Distance flown [m]", 1),
 ]
 
 
@@ -626,9 +481,7 @@ def test_figures_have_the_unit_that_fits(tmp_path, kind, span, label, unit):
     assert axes.get_xlim() == pytest.approx((7 / unit, (7 + span) / unit))
 
 
-@pytest.mark.parametrize(
-    "name", ["variance", "sensitivity", "budget", "montecarlo", "compare", "detectors", "rcs"]
-)
+@pytest.mark.parametrize("name", ["sensitivity", "montecarlo", "compare", "detectors", "rcs"])
 def test_every_analysis_takes_a_path(tool, tmp_path, monkeypatch, name):
     figures = []
     without_pixels(monkeypatch, then=lambda figure: figures.append(figure) or True)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import dump_yaml, read_table
+from helpers import document, dump_yaml, read_table
 from numpy.testing import assert_allclose
 
 import radar_sense as rs
@@ -19,30 +19,18 @@ CONFIG = Path(__file__).parents[2] / "configs/radial.yaml"
 
 def radial(changes=(), **geometry):
     """A radar of Swerling 1 that sees 0.1 m^2, on a line of ranges."""
-    document = {
-        "name": "line",
-        "radar": {"position_m": [0, 0, 0], "p_fa": 1e-6, "constant": 100, "detector": "swerling1"},
-        "aircraft": {"rcs": {"model": "constant", "rcs_m2": 0.1}, "attitude_deg": [0, 0, 0]},
-        "geometry": {
-            "type": "radial",
-            "range_km": {"start": 50, "stop": 400, "step": 50},
-            "azimuth_deg": 30,
-            "down_km": -9,
-            **geometry,
-        },
-        "uncertainty": {
-            "aircraft": {"position_m": 100, "attitude_deg": 1},
-            "radar": {"medium": {"position_m": 50, "constant": 5}},
-        },
-        "analysis": {"level": "medium"},
-    }
-    for path, value in dict(changes).items():
-        *parents, key = path.split(".")
-        where = document
-        for parent in parents:
-            where = where[parent]
-        where[key] = value
-    return parse_scenario(dump_yaml(document))
+    ranges = {"start": 50, "stop": 400, "step": 50}
+    line = {"type": "radial", "range_km": ranges, "azimuth_deg": 30, "down_km": -9, **geometry}
+    content = document(
+        radar={"position_m": [0, 0, 0], "p_fa": 1e-6, "constant": 100, "detector": "swerling1"},
+        aircraft={"rcs": {"model": "constant", "rcs_m2": 0.1}, "attitude_deg": [0, 0, 0]},
+        geometry=line,
+        uncertainty__aircraft={"position_m": 100, "attitude_deg": 1},
+        uncertainty__radar={"medium": {"position_m": 50, "constant": 5}},
+        analysis={"level": "medium"},
+    )
+    paths = {path.replace(".", "__"): value for path, value in dict(changes).items()}
+    return parse_scenario(dump_yaml(document(content, **paths)))
 
 
 def swerling(ranges_m, constant=100, rcs=0.1, p_fa=1e-6):
@@ -83,11 +71,8 @@ def test_the_band_along_the_line():
 @pytest.mark.all_draws
 def test_the_greatest_p_d_between_two_ranges_is_found():
     """The line passes a radar of 5 km between the ranges of 100 and 150 km."""
-    changes = {
-        "radar.position_m": [62_500, 108_253, -9_000],
-        "radar.max_range_km": 2.0,
-    }
-    s = radial(changes)
+    changes = {"radar.position_m": [62_500, 108_253, -9_000], "radar.max_range_km": 2.0}
+    s = radial(changes, range_km={"start": 100, "stop": 150, "step": 50})
     assert s.model.p_d(s.aircraft, s.radar).max() == 0
     result = analyses.variance(s, threshold=0.5)
     assert result.report[0].startswith("VIOLATED at 12")

@@ -6,17 +6,10 @@ import re
 
 import numpy as np
 import pytest
+from helpers import direction
 
 import radar_sense as rs
 from radar_sense.errors import InputError
-from radar_sense.scenario_file import table_file
-
-
-def direction(azimuth, elevation):
-    """Unit vectors to azimuth and elevation [rad], positive above (body z is down)."""
-    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
-    h = np.cos(elevation)
-    return np.stack([h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)], axis=-1)
 
 
 def write(path, *rows):
@@ -119,7 +112,6 @@ REFUSED = {
     "only a header": (A, None, "has no rows below the names of its columns"),
     "only comments": (["# a", "# b"], None, "is empty"),
     "unknown column": (["azimut_deg,rcs_m2"], 1, "unknown column 'azimut_deg', allowed: azimuth"),
-    "meant": (["azimut_deg,rcs_m2"], 1, "did you mean 'azimuth_deg'?"),
     "no unit": (["azimuth_deg,rcs", *full()], 1, "unknown column 'rcs'"),
     "tabs": (["azimuth_deg\trcs_m2", "0\t1"], 1, "unknown column 'azimuth_deg\\trcs_m2'"),
     "no header": (full(), 1, "names none of the columns, allowed: azimuth_deg"),
@@ -129,10 +121,7 @@ REFUSED = {
     "two values": (["azimuth_deg,rcs_m2,rcs_dbsm"], 1, "and not both"),
     "too few cells": ([*A, "-180"], 2, "must have 2 values, one for each column, got 1"),
     "too many cells": ([*A, "-180,1,2"], 2, "got 3"),
-    "a word": ([*A, "-180,1", "# c", "-150,x"], 4, "rcs_m2: must be a number not less than 1e-20"),
     "nothing": ([*A, "-180,"], 2, "and not greater than 1e+20, got nothing"),
-    "underscore": ([*A, "-1_80,1"], 2, "got '-1_80'"),
-    "nan": ([*A, *full(value="nan")], 2, "rcs_m2: must be finite, got nan"),
     "zero": ([*A, "-180,1", "-150,0"], 3, "not less than 1e-20 and not greater than 1e+20, got 0"),
     "negative": ([*A, "-180,-1"], 2, "got -1"),
     "decibels": (["azimuth_deg,rcs_dbsm", "0,201"], 2, "and not greater than 200, got 201"),
@@ -190,7 +179,7 @@ def test_a_whole_table_is_not_mirrored(here):
         rs.load_rcs_table("a.csv", mirror=True)
 
 
-def test_not_a_text_file(here, monkeypatch):
+def test_not_a_text_file(here):
     (here / "a.csv").write_bytes(b"azimuth_deg,rcs_m2\n0,\xff\n")
     with pytest.raises(InputError, match=r"a\.csv:2: is not UTF-8 text: byte 0xff"):
         rs.load_rcs_table("a.csv")
@@ -201,10 +190,6 @@ def test_not_a_text_file(here, monkeypatch):
     ):
         with pytest.raises(InputError, match=f"^{re.escape(words)}"):
             rs.load_rcs_table(name)
-    monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
-    (here / "a.csv").write_bytes(b"#\n" * (2**19 + 1))
-    with pytest.raises(InputError, match="larger than 1 MiB"):
-        rs.load_rcs_table("a.csv")
 
 
 def test_the_extremes_that_are_allowed(here):

@@ -126,8 +126,9 @@ def test_every_key_has_a_description_and_a_shape():
             waiting += node.values()
         elif isinstance(node, list):
             waiting += node
-    declared = {key.name for _, section in sections(File) for key in keys_of(section)}
-    assert names == declared | {"model", "type"}
+    declared = [key for _, section in sections(File) for key in keys_of(section)]
+    assert names == {key.name for key in declared} | {"model", "type"}
+    assert all(key.meaning.endswith(".") for key in declared)
 
 
 def test_the_command_prints_the_schema(tool):
