@@ -550,3 +550,9 @@ def test_a_number_that_is_written_in_another_way(tool, option, text, advice):
     assert (code, out) == (2, "")
     assert err.startswith(f"Error: Invalid value for '--{option}': must be a number")
     assert err.endswith(f"got '{text}'; {advice}\n")
+
+
+def test_an_option_that_is_given_twice(tool):
+    code, out, err = tool("variance", "--level", "low", "--k", "3", "--level", "high")
+    assert (code, out, err) == (2, "", "Error: --level is given twice; give it once\n")
+    assert tool("variance", "-q", "-q", "--no-plot", "--format", "png", "--format", "pdf")[0] == 0

@@ -368,6 +368,8 @@ def test_refused_networks():
     first = Radar(RADAR_MODEL, "a")
     with pytest.raises(ValueError, match="one radar or more"):
         NetworkModel(())
+    with pytest.raises(ValueError, match="every radar of a network needs a name"):
+        NetworkModel((first, Radar(RADAR_MODEL)))
     with pytest.raises(ValueError, match="'a' is there twice"):
         NetworkModel((first, first))
     two = paper_network([(0, 0, 0)] * 2, [1, 1])
