@@ -33,6 +33,7 @@ from radar_sense.model.geodesy import is_place
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.track import covariance_in_frame
 from radar_sense.source_names import PARAMETERS, name_problem
 from radar_sense.states import (
     AIRCRAFT,
@@ -321,11 +322,18 @@ class Scenario:
     def at_states(self, aircraft: FloatArray) -> Scenario:
         """Return the scenario at other aircraft states (..., 6), one pose after the other.
 
-        All states have the covariance of the first pose. The values are not checked.
+        All states have the covariance of the first pose, relative to north, east and down at the
+        aircraft. The values are not checked.
         """
-        states = aircraft.reshape(-1, len(AIRCRAFT))
-        first = self.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0]
-        return self._with(geometry=States(axes.pose_number(len(states)), states, first))
+        states, origin = aircraft.reshape(-1, len(AIRCRAFT)), self.origin
+        along, covariance = axes.pose_number(len(states)), self.cov_aircraft
+        if covariance.ndim == 3:
+            covariance = covariance[0]
+        if origin is not None:
+            first, zero = self.aircraft[:1], along.values[:1]
+            covariance = covariance_in_frame(covariance, zero, first, origin, back=True)
+            covariance = covariance_in_frame(covariance, along.values, states, origin)
+        return self._with(geometry=States(along, states, covariance))
 
     def along(self, geometry: Geometry) -> Scenario:
         """Return the scenario at other poses of its flight, as `geometry.at` returns them.

@@ -267,14 +267,17 @@ def test_a_map_is_the_same_about_another_origin(tmp_path):
     """One cell at a place, about origins as far as 5000 km away."""
     radar, place = (50.0, 10.0, 50.0), (51.0, 11.0, 900.0)
     rows = [(0.0, 50.5, 10.0, 900.0), (60.0, 50.5, 10.1, 900.0)]
-    values = []
+    values, bounds = [], []
     for origin in ((50, 10, 0), (42, 16, 700), (10, 20, 0)):
         s = written(tmp_path, [radar], rows, origin, aircraft=AIRCRAFT)
         north, east, _ = to_ned(place, origin)
         cells = Grid(np.array([north, north + 1e3]), np.array([east, east + 1e3]))
-        values.append(p_d_in_cells(s, cells, down=origin[2] - 900.0, course=1.0)[0][0, 0])
+        found = p_d_in_cells(s, cells, down=origin[2] - 900.0, course=1.0, method="probit")
+        values.append(found[0][0, 0])
+        bounds.append(found[1][0, 0])
     assert values[0] > 0.01
     np.testing.assert_allclose(values, values[0], rtol=1e-5)
+    np.testing.assert_allclose(bounds, bounds[0], rtol=1e-5)
     far = Grid(np.array([6.4e6, 6.5e6]), np.array([0.0, 1e3]))
     with pytest.raises(rs.InputError, match="edge of the earth"):
         p_d_in_cells(s, far)
