@@ -247,7 +247,9 @@ class _Goal:
             excess, sure = compared(found)
             return np.asarray((abs(excess) >= sure) | np.any(excess > sure))
 
-        excess, sure = compared(self._looks(names, factor, rows).until(settled, DRAWS))
+        changed = scaled(self.scenario, names, factor).at(rows)
+        looks = Looks(changed, self.k or 3.0, np.nan if self.k is None else self._allowed)
+        excess, sure = compared(looks.until(settled, DRAWS))
         if np.any(excess > sure):
             return False
         return True if np.all(excess <= 0.0) else None
@@ -258,11 +260,6 @@ class _Goal:
         both = self.values(names, factor), looked
         largest = [np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED] for values in both]
         return np.union1d(*largest)
-
-    def _looks(self, names: tuple[str, ...], factor: float, rows: NDArray[np.intp]) -> Looks:
-        """Return looks at some poses, at the deviations of a factor."""
-        changed = scaled(self.scenario, names, factor).at(rows)
-        return Looks(changed, self.k or 3.0, np.nan if self.k is None else self._allowed)
 
     def _drawn(
         self,

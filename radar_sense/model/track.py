@@ -281,7 +281,7 @@ def _jacobian(
     if steep.any():
         raise InputError(
             f"{source}: at time_s {float(time[steep][0])!r} the aircraft's nose points straight up "
-            "or down in the frame of the origin, where roll and yaw have no covariance"
+            "or down, where roll and yaw have no covariance; another origin may help"
         )
     jacobian = np.zeros_like(covariance)
     jacobian[:, POSITION, POSITION] = turn
