@@ -403,11 +403,21 @@ def places_at(
     return geodesy.geodetic_from_ned(states_at(north, east, pose, origin)[..., POSITION], origin)
 
 
-def put_at_height(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
+def put_at_height(
+    aircraft: FloatArray,
+    origin: tuple[float, float, float],
+    aspect: FloatArray | None = None,
+) -> None:
     """Change states (..., 6) in place to one height above the ellipsoid and local attitudes.
 
     Newton's method finds the down coordinate. The derivative of height by down is minus the cosine
     of the angle between the vertical lines of cell and origin.
+
+    Args:
+        aircraft: The states.
+        origin: The origin of their frame.
+        aspect: Azimuth (...) [rad] of the origin from the nose, in the level plane at the aircraft,
+            in place of the yaw of the states; None keeps the yaw.
 
     Raises:
         InputError: If the down line of a cell does not meet the earth.
@@ -425,4 +435,7 @@ def put_at_height(aircraft: FloatArray, origin: tuple[float, float, float]) -> N
             "a pose is too far from the origin, beyond the edge of the earth in the local frame; "
             "choose a smaller map, or a geometry.origin nearer to the map"
         )
+    if aspect is not None:
+        line = np.einsum("...ij,...i->...j", turn, -aircraft[..., POSITION])
+        aircraft[..., YAW] = np.arctan2(line[..., 1], line[..., 0]) - aspect
     aircraft[..., ATTITUDE] = geodesy.turned_attitude(aircraft[..., ATTITUDE], turn)

@@ -62,6 +62,8 @@ class Rays:
             aircraft.
         pose: State of the aircraft (6,). Only down, roll and pitch are used. With an origin, down
             is minus the height above the origin.
+        aspect: Azimuth of the radar from the nose (n,) [rad], which gives the yaw with an origin:
+            north is another direction at each distance. None for rays of one yaw each.
     """
 
     scenario: Scenario
@@ -69,6 +71,7 @@ class Rays:
     bearing: FloatArray
     yaw: FloatArray
     pose: FloatArray
+    aspect: FloatArray | None = None
 
     def states(self, distance: FloatArray) -> FloatArray:
         """Return aircraft states (n, k, 6) at distances (n, k) [m]."""
@@ -84,7 +87,8 @@ class Rays:
         # first in the frame of the radar, whose level plane contains the rays
         place = geodesy.geodetic_from_ned(radar[POSITION], origin)
         states[..., DOWN] += place[2] - origin[2]
-        put_at_height(states, (place[0], place[1], place[2]))
+        aspect = None if self.aspect is None else self.aspect[:, np.newaxis]
+        put_at_height(states, (place[0], place[1], place[2]), aspect)
         turn = geodesy.turn_to_origin(place, origin)
         states[..., POSITION] = states[..., POSITION] @ turn.T + radar[POSITION]
         states[..., ATTITUDE] = geodesy.turned_attitude(states[..., ATTITUDE], turn)
@@ -100,7 +104,10 @@ class Rays:
 
     def part(self, rays: slice | NDArray[np.intp]) -> Rays:
         """Return some of the rays."""
-        return dataclasses.replace(self, bearing=self.bearing[rays], yaw=self.yaw[rays])
+        aspect = None if self.aspect is None else self.aspect[rays]
+        return dataclasses.replace(
+            self, bearing=self.bearing[rays], yaw=self.yaw[rays], aspect=aspect
+        )
 
     def p_d(self, distance: FloatArray) -> FloatArray:
         """Return P_D (n, k) at distances (n, k), without the limits of the radar."""
@@ -147,7 +154,7 @@ def rays(
     if by_aspect:
         first = _bearing(scenario)
         bearing, yaw = np.full(len(angle), first), first + math.pi - angle
-    return Rays(without, scenario.model, bearing, yaw, pose)
+    return Rays(without, scenario.model, bearing, yaw, pose, angle if by_aspect else None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,8 @@ from helpers import single, with_arrays
 
 import radar_sense as rs
 from radar_sense.coverage.grid import Grid, p_d_in_cells
+from radar_sense.coverage.rays import rays
+from radar_sense.model.geometry import body_vector
 from radar_sense.model.trajectory import resample
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.plausibility import plausibility_warnings
@@ -281,6 +283,22 @@ def test_a_map_is_the_same_about_another_origin(tmp_path):
     far = Grid(np.array([6.4e6, 6.5e6]), np.array([0.0, 1e3]))
     with pytest.raises(rs.InputError, match="edge of the earth"):
         p_d_in_cells(s, far)
+
+
+def test_an_aspect_is_the_same_at_every_distance(tmp_path):
+    """At 65 degrees north, the bearings of two places of each other differ by 11 degrees."""
+    rows = [(t, 65, 10.5, 10_000, 0, 0, 20) for t in (0, 1)]
+    names = ",roll_deg,pitch_deg,yaw_deg"
+    for origin in ((65, 10, 0), (60, 3, 500)):
+        s = written(tmp_path, [(65, 10, 100)], rows, origin, stds=names, aircraft=AIRCRAFT)
+        aspect = np.deg2rad([0.0, 7.5, 200.0])
+        found = rays(s, aspect, by_aspect=True, down=None, course=None)
+        states = found.states(np.tile([1e4, 6e5, 1.2e6], (3, 1)))
+        x, y, _ = np.moveaxis(body_vector(states, s.radar), -1, 0)
+        turned = np.mod(np.arctan2(y, x) - aspect[:, np.newaxis] + 1.0, 2 * np.pi) - 1.0
+        np.testing.assert_allclose(turned, 0.0, atol=1e-9)
+        heights = [[height_of(p[:3], origin) for p in row] for row in states]
+        np.testing.assert_allclose(heights, 10_000, atol=1e-4)
 
 
 @pytest.mark.parametrize("method", ["legs", "smooth"])
