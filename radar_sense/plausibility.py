@@ -8,15 +8,15 @@ import numpy as np
 from scipy.constants import speed_of_light
 from scipy.special import ndtr
 
-from radar_sense.acceptance.refinement import coarse_steps
-from radar_sense.covariance import largest_variance, square_root
+from radar_sense.acceptance.frames import attitude_off, turned_wrongly
+from radar_sense.acceptance.refinement import along, coarse_steps, scan
 from radar_sense.flight import Path
-from radar_sense.model import geodesy
+from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, radar_from_aircraft, slant_range
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import BOUND_CHANGE
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, CONSTANT, DOWN, POSITION, RADAR
+from radar_sense.states import CONSTANT, DOWN, POSITION, RADAR
 from radar_sense.words import describe_poses, placed, warning
 
 #: Greatest speed [m/s] and slant range [m] without a warning.
@@ -32,8 +32,6 @@ FREQUENCIES = 0.003, 300.0
 #: that an upright plate shows falls by 3 % up to 15°, and its cross section, with the square of the
 #: area, by 0.3 dB.
 MAX_ELEVATION = np.deg2rad(15.0)
-#: Angle [rad] that is smaller than any lobe of an aircraft.
-LEAST_TURN = 1e-4
 #: P_D counts as at the floor up to this part above the floor.
 ABOVE_FLOOR = 1e-6
 
@@ -66,7 +64,7 @@ def _height(scenario: Scenario) -> Iterator[str]:
     down = scenario.aircraft[:, DOWN]
     height, above = -down, "the origin"
     if scenario.origin is not None:
-        height = geodesy.geodetic_from_ned(scenario.aircraft[:, POSITION], scenario.origin)[:, 2]
+        height = geodetic_from_ned(scenario.aircraft[:, POSITION], scenario.origin)[:, 2]
         above = "the ellipsoid"
     highest = float(height.max())
     if highest > MAX_HEIGHT:
@@ -214,38 +212,19 @@ def _step(scenario: Scenario) -> Iterator[str]:
 def _origin(scenario: Scenario) -> Iterator[str]:
     """Yield a warning where a far origin changes what errors of attitude do to P_D.
 
-    A covariance is turned into the frame of the origin to first order. With a tilt τ between the
-    level planes of the aircraft and the origin, an error δ of the attitude is off by τ δ²/2.
+    Where the aircraft flies from row to row, the greatest P_D between them counts, too.
     """
-    if scenario.origin is None:
+    if not turned_wrongly(scenario).any():
         return
-    states = scenario.aircraft
-    turn = geodesy.turn_to_origin(
-        geodesy.geodetic_from_ned(states[:, POSITION], scenario.origin), scenario.origin
-    )
-    tilt = np.arccos(np.clip(turn[:, 2, 2], -1.0, 1.0))
-    variance = largest_variance(scenario.cov_aircraft.reshape(-1, 6, 6), ATTITUDE)
-    rows = np.flatnonzero(0.5 * tilt * 9.0 * variance > LEAST_TURN)
-    off = np.zeros(len(states))
-    if rows.size:
-        nominal, turn = states[rows], turn[rows]
-        attitude = nominal[:, ATTITUDE]
-        level = geodesy.turned_attitude(attitude, np.swapaxes(turn, -1, -2))
-        to_level = geodesy.turned_attitude_jacobian(attitude, level)
-        covariance = np.broadcast_to(scenario.cov_aircraft, (len(states), 6, 6))[rows]
-        for error in 3.0 * np.moveaxis(square_root(covariance[:, ATTITUDE, ATTITUDE]), -1, 0):
-            for sign in (1.0, -1.0):
-                of_level = (to_level @ (sign * error)[..., np.newaxis])[..., 0]
-                ends = attitude + sign * error, geodesy.turned_attitude(level + of_level, turn)
-                both = [
-                    scenario.model.p_d(np.hstack([nominal[:, POSITION], end]), scenario.radar)
-                    for end in ends
-                ]
-                off[rows] = np.fmax(off[rows], abs(both[1] - both[0]))
+    flight = scenario
+    if scenario.geometry.continuous:
+        peaks, _ = scan(scenario)
+        flight = along(scenario, np.union1d(scenario.geometry.coordinate, peaks))
+    off = attitude_off(flight)
     yield from placed(
         "origin-far",
         off > BOUND_CHANGE,
-        scenario.axis,
+        flight.axis,
         "the origin is too far for attitude errors this large: P_D at 3 sigma is off by up to "
         f"{off.max():.2g}",
         ": choose a geometry.origin near the route",

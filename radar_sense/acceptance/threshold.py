@@ -29,8 +29,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri, pdtrc
 
 from radar_sense.acceptance import refinement
+from radar_sense.acceptance.frames import attitude_off
 from radar_sense.montecarlo.exceedance import Exceedance, exceedance
-from radar_sense.propagation import AUTOMATIC, Band, band_of_scenario
+from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, Band, band_of_scenario
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
 from radar_sense.scenario import Scenario
@@ -203,12 +204,14 @@ class PathTest:
         test: The test.
         decision: What draws say.
         by_draws: Where the bound is by draws (n,).
+        far: Where the origin is too far for errors of the attitude (n,): there is no answer.
     """
 
     path: refinement.Refined
     test: ThresholdTest
     decision: Decision
     by_draws: NDArray[np.bool_]
+    far: NDArray[np.bool_]
 
 
 def path_test(scenario: Scenario, method: str, p_max: float, k: float, band: Band) -> PathTest:
@@ -239,7 +242,8 @@ def path_test(scenario: Scenario, method: str, p_max: float, k: float, band: Ban
         exceeds = upper > p_max
         violated, unknown = exceeds & decision.violated, ~exceeds & ~decision.holds
         unknown |= (exceeds & ~decision.violated) | np.isnan(upper)
-    unknown = unknown | (not path.resolved)
+    far = attitude_off(path.scenario) > BOUND_CHANGE
+    violated, unknown = violated & ~far, unknown | far | (not path.resolved)
     test = threshold_test(
         upper,
         p_max,
@@ -247,4 +251,4 @@ def path_test(scenario: Scenario, method: str, p_max: float, k: float, band: Ban
         violated=violated | certain,
         unknown=unknown,
     )
-    return PathTest(path, test, decision, by_draws)
+    return PathTest(path, test, decision, by_draws, far)

@@ -198,6 +198,8 @@ def _remedy(tested: PathTest, method: str) -> str:
     """Return the reason why the test has no answer, and the remedy."""
     if not tested.path.resolved:
         return f"  {refinement.unresolved(tested.path)}"
+    if tested.far.any():
+        return "  the origin is too far for errors of attitude this large: choose a nearer one"
     runs = tested.decision.runs
     if method != AUTOMATIC:
         return (

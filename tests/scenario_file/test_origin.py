@@ -246,6 +246,8 @@ def test_an_origin_too_far_for_the_attitude_errors_is_warned_of(yaw, origin, far
         told = [text for text in plausibility_warnings(s) if "[origin-far]" in text]
         bounds = rs.monte_carlo(s, runs=20_000, method="linear")
         found.append((bool(told), np.stack([bounds.lower, bounds.upper])))
+        verdict = rs.analyses.variance(s, threshold=1.0).summary["threshold"]["verdict"]
+        assert verdict == ("not known" if told else "holds")
     assert [told for told, _ in found] == [far, False]
     assert (np.max(abs(found[0][1] - found[1][1])) > 0.005) == far
 

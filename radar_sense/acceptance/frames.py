@@ -1,0 +1,61 @@
+"""What a far origin of the frame does to errors of attitude."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radar_sense.covariance import largest_variance, square_root
+from radar_sense.model import geodesy
+from radar_sense.scenario import Scenario
+from radar_sense.states import ATTITUDE, POSITION, FloatArray
+
+#: Angle [rad] that is smaller than any lobe of an aircraft.
+LEAST_TURN = 1e-4
+#: Size of an error [standard deviations].
+ERROR = 3.0
+
+
+def turned_wrongly(scenario: Scenario) -> NDArray[np.bool_]:
+    """Return where (n,) an error of the attitude of 3σ is off by more than `LEAST_TURN`.
+
+    A covariance is turned into the frame of the origin to first order. With a tilt τ between the
+    level planes of the aircraft and the origin, an error δ of the attitude is off by τ δ²/2.
+    """
+    if scenario.origin is None:
+        return np.zeros(len(scenario.aircraft), dtype=bool)
+    tilt = np.arccos(np.clip(_turn(scenario)[:, 2, 2], -1.0, 1.0))
+    variance = largest_variance(scenario.cov_aircraft.reshape(-1, 6, 6), ATTITUDE)
+    return np.asarray(0.5 * tilt * ERROR**2 * variance > LEAST_TURN)
+
+
+def attitude_off(scenario: Scenario) -> FloatArray:
+    """Return by how much (n,) an error of the attitude of 3σ moves P_D wrongly, about a far origin.
+
+    It is 0 where the error itself is hardly off, see `turned_wrongly`.
+    """
+    off, rows = np.zeros(len(scenario.aircraft)), np.flatnonzero(turned_wrongly(scenario))
+    if not rows.size:
+        return off
+    scenario = scenario.at_poses(rows)
+    position, attitude = scenario.aircraft[:, POSITION], scenario.aircraft[:, ATTITUDE]
+    turn = _turn(scenario)
+    level = geodesy.turned_attitude(attitude, np.swapaxes(turn, -1, -2))
+    to_level = geodesy.turned_attitude_jacobian(attitude, level)
+    root = square_root(scenario.cov_aircraft.reshape(-1, 6, 6)[:, ATTITUDE, ATTITUDE])
+    for column in np.moveaxis(root, -1, 0):
+        for error in (ERROR * column, -ERROR * column):
+            of_level = (to_level @ error[..., np.newaxis])[..., 0]
+            ends = attitude + error, geodesy.turned_attitude(level + of_level, turn)
+            first_order, exact = (
+                scenario.model.p_d(np.hstack([position, end]), scenario.radar) for end in ends
+            )
+            off[rows] = np.fmax(off[rows], abs(exact - first_order))
+    return off
+
+
+def _turn(scenario: Scenario) -> FloatArray:
+    """Return the matrices (n, 3, 3) from level at the aircraft to the frame of the origin."""
+    origin = np.array(scenario.origin)
+    place = geodesy.geodetic_from_ned(scenario.aircraft[:, POSITION], origin)
+    return geodesy.turn_to_origin(place, origin)
