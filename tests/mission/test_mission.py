@@ -341,3 +341,13 @@ def test_layout(tmp_path, runs, m_of_n, period):
     for axes in figure.axes:
         assert axes.get_ylabel()
     assert "Time" in figure.axes[-1].get_xlabel()
+
+
+@pytest.mark.parametrize(("step", "warned"), [(300, True), (100, False), (10, False)])
+def test_looks_that_cut_the_corners_of_the_route_are_warned_of(step, warned, tmp_path):
+    """A turn by a right angle 110 km from the radar, and looks every 10 s."""
+    text = f"{HEADER}\n0,150e3,0,-5000,0,0,0\n450,110e3,0,-5000,0,0,0\n900,110e3,40e3,-5000,0,0,0"
+    interpolate = {"step_s": step, "method": "legs"}
+    s = load(tmp_path, text, radar__scan_period_s=10, geometry__interpolate=interpolate)
+    told = [text for text in rs.analyses.mission(s).warnings if "[looks-between]" in text]
+    assert bool(told) == warned
