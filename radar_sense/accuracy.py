@@ -229,7 +229,7 @@ class _Goal:
         Args:
             names: Names of sources and parts.
             log_factor: ln of the factor on their standard deviations; −inf for 0.
-            rows: Poses to judge; None for those of `_rows` at the factor.
+            rows: Poses to judge; None takes the poses of `_rows`.
         """
         factor = float(np.exp(log_factor))
         rows = self.rows(names, factor) if rows is None else rows

@@ -165,9 +165,8 @@ def turn_to_origin(
         turn = geodesy.turn_to_origin(place[block], origin)
         turned[block] = geodesy.turned_attitude(attitude[block], turn)
         if covariance is not None:
-            covariance[block] = _turned(
-                source, time[block], covariance[block], attitude[block], turned[block], turn
-            )
+            part, ends = covariance[block], (attitude[block], turned[block], turn)
+            covariance[block] = _turned(part, _jacobian(source, time[block], part, *ends))
     return turned
 
 
@@ -194,7 +193,8 @@ def covariance_in_frame(
     """
     found = np.array(np.broadcast_to(covariance, (len(time), *covariance.shape[-2:])))
     for block, ends in _axes(aircraft, origin, back=back):
-        found[block] = _turned("geometry", time[block], found[block], *ends)
+        part = found[block]
+        found[block] = _turned(part, _jacobian("geometry", time[block], part, *ends))
     return without_rounding(found)
 
 
@@ -237,16 +237,8 @@ def _axes(
         yield block, (in_frame, level, to_level) if back else (level, in_frame, turn)
 
 
-def _turned(
-    source: str,
-    time: FloatArray,
-    covariance: FloatArray,
-    attitude: FloatArray,
-    turned: FloatArray,
-    turn: FloatArray,
-) -> FloatArray:
-    """Return C_aa (k, 6, 6) in other axes; the arguments are those of `_jacobian`."""
-    jacobian = _jacobian(source, time, covariance, attitude, turned, turn)
+def _turned(covariance: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """Return C_aa (k, 6, 6) in other axes, with the partials (k, 6, 6) of a state in them."""
     covariance = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
     covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
     # A variance of 0 may round to a negative number.
