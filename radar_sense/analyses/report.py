@@ -143,6 +143,8 @@ def _questions(
         "probability": probability,
     }
     compared = scenario.at_poses(compared_poses(scenario))
+    few, all_poses = len(compared.axis), len(scenario.axis)
+    sample = f" Looked at {few} of {all_poses} poses." if few < all_poses else ""
     yield (
         variance,
         "How sure is the probability of detection?",
@@ -155,7 +157,7 @@ def _questions(
     )
     yield (
         compare,
-        "How far can each method be trusted here?",
+        f"How far can each method be trusted here?{sample}",
         lambda: compare(compared),
     )
     if scenario.time_s is not None:
