@@ -124,15 +124,13 @@ def refined(
     """
     place = scenario.geometry.coordinate
     shortest, n = scenario.geometry.shortest, len(place)
-    # P_D of the nominal states and steps of geometry need no covariances between the rows
-    nominal = scenario.along(dataclasses.replace(scenario.geometry, covariance=CERTAIN))
-    peaks, scanned = scan(nominal)
+    peaks, scanned = scan(scenario)
     place = np.union1d(place, peaks)
     if scenario.time_s is None and scenario.axis.values[0] > scenario.axis.values[-1]:
         place = place[::-1]
     row = np.full(len(place), -1)  # number of the row, or −1
     row[np.isin(place, scenario.geometry.coordinate)] = np.arange(n)
-    place, row = _divided(nominal, place, row, LARGEST_TURN, shortest, MAX_POSES)
+    place, row = _divided(_nominal(scenario), place, row, LARGEST_TURN, shortest, MAX_POSES)
     if len(place) > n:
         values = propagate(along(scenario, place[row < 0]))
         band = _merged(band, values, row)
@@ -192,6 +190,7 @@ def scan(scenario: Scenario) -> tuple[FloatArray, bool]:
     direction from a radar by half the distance of two nodes of its gain or mask. The scan
     has the closest point to each radar, and both sides of each crossing of a limit.
     """
+    scenario = _nominal(scenario)
     place = scenario.geometry.coordinate
     if place[0] > place[-1]:
         place = place[::-1]
@@ -216,6 +215,11 @@ def scan(scenario: Scenario) -> tuple[FloatArray, bool]:
     padded = np.pad(p_d, 1, constant_values=-np.inf)
     peaks = np.flatnonzero((p_d >= padded[:-2]) & (p_d >= padded[2:]) & (p_d > p_d.min()))
     return np.sort(place[peaks[np.argsort(-p_d[peaks])][:MAX_PEAKS]]), complete
+
+
+def _nominal(scenario: Scenario) -> Scenario:
+    """Return the scenario without covariances, which its nominal states do not need."""
+    return scenario.along(dataclasses.replace(scenario.geometry, covariance=CERTAIN))
 
 
 def _divided(
