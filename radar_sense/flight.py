@@ -20,7 +20,7 @@ from radar_sense.axis import Axis
 from radar_sense.covariance import symmetric_square_root
 from radar_sense.errors import InputError
 from radar_sense.model.geometry import orbit
-from radar_sense.model.track import square_root_in_frame
+from radar_sense.model.track import covariance_in_frame, square_root_in_frame
 from radar_sense.model.trajectory import Route, interpolate
 from radar_sense.states import ATTITUDE, FloatArray, real_array
 
@@ -75,6 +75,10 @@ class Geometry:
             InputError: If there is no flight from pose to pose.
         """
         raise InputError("there is no flight from pose to pose")
+
+    def with_covariance(self, covariance: FloatArray) -> Geometry:
+        """Return the poses with one C_aa (6, 6), relative to north, east, down at the aircraft."""
+        return dataclasses.replace(self, covariance=covariance)
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Geometry:
         """Return some of the poses."""
@@ -168,11 +172,12 @@ class Radial(_Level):
 
 @dataclass(frozen=True, eq=False)
 class Path(Geometry):
-    """A path: rows with times, and a straight flight from row to row.
+    """A path: poses with times, and the flight between them.
 
-    Position is linear in time, in latitude and longitude if the path follows the curve of the
-    earth. Attitude turns the short way at a constant rate. Covariances are linear in time, relative
-    to north, east and down at the aircraft.
+    Without a `flight` of its own, the aircraft flies straight from pose to pose. Position is linear
+    in time, in latitude and longitude if the path follows the curve of the earth. Attitude turns
+    the short way at a constant rate. Covariances are linear in time, relative to north, east and
+    down at the aircraft.
 
     Attributes:
         time_s: Time of each pose (n,) [s], increasing.
@@ -180,11 +185,15 @@ class Path(Geometry):
             frame, for a path in latitude and longitude.
         step_s: Step of time [s] of poses that the user chose, so that no others are looked for
             between them; None for the rows of a route.
+        flight: The route that the poses were interpolated on; None for the poses themselves.
+        method: How the flight is interpolated, one of `trajectory.METHODS`.
     """
 
     time_s: FloatArray = field(repr=False, kw_only=True)
     origin: tuple[float, float, float] | None = None
     step_s: float | None = None
+    flight: Route | None = field(default=None, repr=False)
+    method: str = "legs"
     shortest = 0.2
     steps = "geometry.interpolate"
 
@@ -207,14 +216,16 @@ class Path(Geometry):
 
     @property
     def route(self) -> Route:
-        """The path as a route, to interpolate between its poses."""
+        """The route that `at` interpolates."""
+        if self.flight is not None:
+            return self.flight
         # the attitude is interpolated, and not derived from the track again
         each = self.covariance if self.covariance.ndim == 3 else None
         return Route(self.time_s, self.aircraft, each, True, self.origin)
 
     def at(self, coordinate: FloatArray) -> Path:
         """Return the path at other times (k,) [s] within its own."""
-        poses = interpolate(self.route, coordinate)
+        poses = interpolate(self.route, coordinate, self.method)
         values = np.interp(coordinate, self.time_s, self.axis.values)
         return dataclasses.replace(
             self,
@@ -223,6 +234,22 @@ class Path(Geometry):
             covariance=self.covariance if poses.covariance is None else poses.covariance,
             time_s=coordinate,
         )
+
+    def with_covariance(self, covariance: FloatArray) -> Path:
+        """As of `Geometry`.
+
+        Raises:
+            InputError: If the nose points straight up or down in the frame of the origin.
+        """
+        if self.origin is None:
+            return dataclasses.replace(self, covariance=covariance)
+        changes: dict[str, Any] = {}
+        for name, at in (("covariance", self), ("flight", self.flight)):
+            if at is not None:
+                changes[name] = covariance_in_frame(covariance, at.time_s, at.aircraft, self.origin)
+        if self.flight is not None:
+            changes["flight"] = dataclasses.replace(self.flight, covariance=changes["flight"])
+        return dataclasses.replace(self, **changes)
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Path:
         """Return the path with some of its rows."""

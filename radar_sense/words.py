@@ -72,10 +72,6 @@ WARNINGS: dict[str, str] = {
         "P_D has a peak or a trough in this source, so its effect is of second order, which a "
         "linear budget leaves out. The method form has it."
     ),
-    "looks-between": (
-        "A mission flies straight from pose to pose. Where the step of geometry.interpolate is "
-        "longer than the time between two looks, the looks cut the corners of the route."
-    ),
     "never-seen": (
         "The aircraft is outside the limits of every radar at all poses: beyond its largest "
         "range, within its least, or below its horizon. P_D has no meaning there."

@@ -40,24 +40,20 @@ from radar_sense.command import (
 )
 from radar_sense.cost import foresee
 from radar_sense.errors import InputError
-from radar_sense.flight import Path
 from radar_sense.limits import RUNS, WINDOW, Limit
 from radar_sense.mission.draws import MissionDraws, draw_missions
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import Cumulative, recombined_missions
 from radar_sense.mission.tracks import fuse, p_d_by_time
-from radar_sense.model.geometry import slant_range
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.scenario import Scenario
-from radar_sense.states import POSITION, FloatArray
+from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
 
 #: Number of σ of a bound: the draws reach no farther than 3.
 REACHED = Limit(above=0, at_most=3)
-#: Part of the range that looks may be off the route without a warning, 4 % of the SNR.
-CUT = 0.01
 #: Probabilities whose times are in the report.
 MILESTONES = (0.5, 0.9)
 
@@ -140,7 +136,7 @@ def mission(
         InputError: If the geometry has no times, or an option is not allowed.
     """
     window = _window(track, m, n)
-    flight, looks = scenario, Looks.of(scenario.with_analysis(runs=runs))
+    looks = Looks.of(scenario.with_analysis(runs=runs))
     scenario, axis = looks.scenario, looks.scenario.axis
     if runs is not None:
         sizes = f"{len(axis):,} times x {runs:,} runs"
@@ -197,7 +193,6 @@ def mission(
     if drawn is not None:
         result.report += _report_of_draws(drawn, names, differences, axis, k)
         result.warnings += words.clipping_warnings(drawn.clipped)
-    result.warnings += _looks_between(flight, looks)
     result.report.append(_describe_looks(looks))
     largest = (f"{key} {words.describe_extreme(top, axis)}" for key, top in errors.items())
     result.report.append(f"largest standard error of a bound: {', '.join(largest)}")
@@ -377,26 +372,6 @@ def _describe_looks(looks: Looks) -> str:
         number = f"{count} looks at {len(axis)} time{'s' if len(axis) > 1 else ''}"
     first, last = axis.number(axis.values[0]), axis.at(-1)
     return f"{number}, {first} to {last}, every {periods} s; pose errors {errors}"
-
-
-def _looks_between(flight: Scenario, looks: Looks) -> list[str]:
-    """Warn of looks between poses of a chosen step, where straight lines are off the route."""
-    geometry, period = flight.geometry, float(min(looks.schedule.period))
-    if not isinstance(geometry, Path) or geometry.step_s is None or geometry.step_s <= period:
-        return []
-    place = flight.aircraft[:, POSITION]
-    # the middle of a line is an eighth of the second difference off a smooth route
-    off = np.linalg.norm(np.diff(place, 2, axis=0), axis=1) / 8.0
-    nearest = np.min([slant_range(flight.aircraft, r) for r in flight.radar_states], axis=0)
-    if not np.any(off > CUT * nearest[1:-1]):
-        return []
-    return [
-        words.warning(
-            "looks-between",
-            f"poses are every {geometry.step_s:g} s and looks every {period:g} s, which cut the "
-            "corners of the route: choose a shorter step of geometry.interpolate",
-        )
-    ]
 
 
 def _report_of_draws(

@@ -91,10 +91,10 @@ class Looks:
                 "a mission needs times, which only a path has: "
                 "give a path, geometry: {type: path, file: my_route.csv}"
             )
-        schedule = schedule_looks(scenario.model, flight.route)
+        schedule = schedule_looks(scenario.model, flight.time_s)
         along = axis.time(schedule.time)
         scenario = scenario.along(replace(flight.at(schedule.time), axis=along))
-        # The interpolated line may be nearer to a radar than any pose of the path.
+        # The flight may be nearer to a radar than any pose of the path.
         for radar in of_each(scenario.radar, len(scenario.radars)):
             distance = slant_range(scenario.aircraft, radar)
             nearest = int(np.argmin(distance))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError
 from radar_sense.model.network import NetworkModel
-from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, even_times
+from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, even_times
 from radar_sense.states import FloatArray
 
 
@@ -53,12 +53,12 @@ class Schedule:
         return np.cumsum(self.looks[:, group]) - 1
 
 
-def schedule_looks(model: NetworkModel, route: Route) -> Schedule:
-    """Return the looks of the radars of a model along a route.
+def schedule_looks(model: NetworkModel, time_s: FloatArray) -> Schedule:
+    """Return the looks of the radars of a model along a path.
 
     Args:
         model: The radars, with their scan periods.
-        route: The route.
+        time_s: Times of the poses of the path (n,) [s], of which the first and last count.
 
     Raises:
         InputError: If a radar has no scan period, or one is not possible.
@@ -77,13 +77,13 @@ def schedule_looks(model: NetworkModel, route: Route) -> Schedule:
     radars_of = tuple(
         tuple(i for i, p in enumerate(period_by_radar.values()) if p == one) for one in periods
     )
-    time, looks = _together([_times(route, p) for p in periods])
+    time, looks = _together([_times(time_s, p) for p in periods])
     return Schedule(time, periods, radars_of, looks)
 
 
-def _times(route: Route, period: float) -> FloatArray:
+def _times(time_s: FloatArray, period: float) -> FloatArray:
     try:
-        return even_times(route, period)
+        return even_times(time_s, period)
     except InputError as error:  # the message has the argument's name, and not the key
         raise InputError(str(error).replace("step_s", "radar.scan_period_s")) from error
 

@@ -103,7 +103,7 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
             method, or if the aircraft never moves horizontally.
     """
     check_choice("method", method, METHODS)
-    time, last = even_times(route, step_s), float(route.time_s[-1])
+    time, last = even_times(route.time_s, step_s), float(route.time_s[-1])
     rounding = 1e-6 * min(step_s, last - float(route.time_s[0])) + 2.0 * np.spacing(abs(last))
     if last - time[-1] > rounding:
         time = np.append(time, last)
@@ -113,13 +113,13 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     return interpolate(route, time, method)
 
 
-def even_times(route: Route, step_s: float) -> FloatArray:
-    """Return times (n,) [s] at equal steps from the first pose of a route up to the last.
+def even_times(time_s: FloatArray, step_s: float) -> FloatArray:
+    """Return times (n,) [s] at equal steps from the first of some times (m,) [s] up to the last.
 
     Raises:
         InputError: If the step is not positive or makes too many poses.
     """
-    first, last = float(route.time_s[0]), float(route.time_s[-1])
+    first, last = float(time_s[0]), float(time_s[-1])
     # A step must be longer than the spacing of floats at this time, some 1e-16 of the time.
     shortest = max(MIN_STEP, 1e-15 * max(abs(first), abs(last)))
     if not (math.isfinite(step_s) and step_s >= shortest):

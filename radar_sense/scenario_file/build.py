@@ -17,7 +17,6 @@ from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
-from radar_sense.model.track import covariance_in_frame
 from radar_sense.model.trajectory import MAX_ROWS, resample
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file import sections
@@ -152,11 +151,12 @@ def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
         origin=None if stated.origin is None else on_earth(stated.origin),
         **{name: getattr(stated, name) for name in _OF_ROUTE},
     )
-    step_s = None
+    of_flight: dict[str, Any] = {}
     if stated.interpolate is not None:
-        step_s = float(stated.interpolate.step_s)
+        step_s, method = float(stated.interpolate.step_s), stated.interpolate.method
+        of_flight = {"step_s": step_s, "method": method, "flight": route}
         try:
-            route = resample(route, step_s, stated.interpolate.method)
+            route = resample(route, step_s, method)
         except InputError as error:
             raise place["interpolate"].error(f"{error}") from error
     along = axis.time(route.time_s) if stated.axis == "time" else axis.distance(route.distance_m)
@@ -166,7 +166,7 @@ def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
         CERTAIN if route.covariance is None else route.covariance,
         time_s=route.time_s,
         origin=route.origin,
-        step_s=step_s,
+        **of_flight,
     )
     return flight, dataclasses.replace(stated, file=recorded(path), sha256=sha256)
 
@@ -185,14 +185,10 @@ def _with_covariance(stated: sections.Uncertainty, place: Place, geometry: Geome
         raise place.error("missing key 'aircraft', required unless the route file has std_...")
     place = place["aircraft"]
     matrix = covariance_of(own, place, {"position_m": (3, 1.0), "attitude_deg": (3, DEG)})
-    if isinstance(geometry, Path) and geometry.origin is not None:
-        try:
-            matrix = covariance_in_frame(
-                matrix, geometry.time_s, geometry.aircraft, geometry.origin
-            )
-        except InputError as error:
-            raise place.error(f"{error}") from error
-    return dataclasses.replace(geometry, covariance=matrix)
+    try:
+        return geometry.with_covariance(matrix)
+    except InputError as error:
+        raise place.error(f"{error}") from error
 
 
 def _rcs_db(stated: sections.PoseUncertainty | None, place: Place, rcs: Mapping[str, RCS]) -> float:

@@ -343,11 +343,19 @@ def test_layout(tmp_path, runs, m_of_n, period):
     assert "Time" in figure.axes[-1].get_xlabel()
 
 
-@pytest.mark.parametrize(("step", "warned"), [(300, True), (100, False), (10, False)])
-def test_looks_that_cut_the_corners_of_the_route_are_warned_of(step, warned, tmp_path):
-    """A turn by a right angle 110 km from the radar, and looks every 10 s."""
-    text = f"{HEADER}\n0,150e3,0,-5000,0,0,0\n450,110e3,0,-5000,0,0,0\n900,110e3,40e3,-5000,0,0,0"
-    interpolate = {"step_s": step, "method": "legs"}
-    s = load(tmp_path, text, radar__scan_period_s=10, geometry__interpolate=interpolate)
-    told = [text for text in rs.analyses.mission(s).warnings if "[looks-between]" in text]
-    assert bool(told) == warned
+@pytest.mark.parametrize("step", [300, 450, 1e4])
+@pytest.mark.parametrize("method", ["legs", "smooth"])
+@pytest.mark.parametrize("columns", [4, 7, 13])
+def test_looks_are_on_the_route_of_the_file_at_any_step(columns, method, step, tmp_path):
+    """Turns, and looks every 10 s: the same poses as those of a step of 10 s."""
+    header, *rows = UNCERTAIN.splitlines()
+    text = "\n".join(",".join(row.split(",")[:columns]) for row in (header, *rows))
+    fine, coarse = (
+        load(tmp_path, text, radar__scan_period_s=10,
+             geometry__interpolate={"step_s": step_s, "method": method})
+        for step_s in (10, step)
+    )  # fmt: skip
+    looks = looks_of(coarse)
+    assert len(coarse.aircraft) <= 6
+    np.testing.assert_allclose(looks.aircraft, fine.aircraft, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(looks.cov_aircraft, fine.cov_aircraft, rtol=1e-12, atol=1e-9)
