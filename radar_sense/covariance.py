@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.errors import InputError
-from radar_sense.states import FloatArray, at_pose, components_first, real_array
+from radar_sense.states import FloatArray, at_pose, components_first, real_array, slices
 
 #: Largest deviation of a correlation matrix from symmetric and semidefinite by rounding.
 TOLERANCE = 1e-9
-#: Matrices factored at a time.
-BLOCK = 16_384
 #: Components from which a matrix product takes less time than a sum written out.
 MANY = 32
 
@@ -51,12 +49,11 @@ def problem(covariance: FloatArray) -> str | None:
 
 def first_wrong(matrices: FloatArray) -> tuple[int, str] | None:
     """Return the first matrix (k, n, n) that is not a covariance, and the problem."""
-    for start in range(0, len(matrices), BLOCK):
-        block = matrices[start : start + BLOCK]
-        for index in _suspects(block).tolist():
-            text = problem(block[index])
+    for block in slices(len(matrices)):
+        for index in (block.start + _suspects(matrices[block])).tolist():
+            text = problem(matrices[index])
             if text:
-                return start + index, text
+                return index, text
     return None
 
 
@@ -187,11 +184,15 @@ def square_root(covariance: FloatArray) -> FloatArray:
     F is made from the eigenvectors of the correlation matrix, which have no units. For independent
     components, F is the diagonal matrix of standard deviations.
     """
-    if covariance.ndim > 2 and len(covariance) > BLOCK:  # temporaries of one block at a time
-        sqrt_cov = np.empty_like(covariance)
-        for i in range(0, len(covariance), BLOCK):
-            sqrt_cov[i : i + BLOCK] = square_root(covariance[i : i + BLOCK])
-        return sqrt_cov
+    if covariance.ndim == 2:
+        return _square_root(covariance)
+    sqrt_cov = np.empty(covariance.shape)
+    for block in slices(len(covariance)):  # temporaries of one block at a time
+        sqrt_cov[block] = _square_root(covariance[block])
+    return sqrt_cov
+
+
+def _square_root(covariance: FloatArray) -> FloatArray:
     std: FloatArray = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     diagonal = std[..., np.newaxis] * np.eye(std.shape[-1])
     independent = np.all((covariance == 0) | np.eye(std.shape[-1], dtype=bool), axis=(-2, -1))

@@ -8,7 +8,7 @@ variance 0 where a parameter is certain.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from radar_sense.errors import InputError
 
 FloatArray: TypeAlias = NDArray[np.float64]
+#: Poses computed at a time: arrays of 128 kB stay in a second-level cache.
+BLOCK = 16_384
 #: Largest sizes of a component and of a radar constant: R⁴ and the ratio S may not overflow.
 MOST, MOST_CONSTANT = 1e60, 1e200
 #: x_a of the paper: position in the north-east-down frame [m] and ZYX Euler angles [rad].
@@ -82,6 +84,12 @@ def with_errors(array: FloatArray, radars: int, axes: int = 1) -> FloatArray:
     inside = (slice(None), slice(len(RADAR))) * axes
     whole[(..., *inside)] = array.reshape(shape + given)
     return whole.reshape(shape + (radars * len(RADAR_AND_ERRORS),) * axes)
+
+
+def slices(count: int) -> Iterator[slice]:
+    """Yield slices that together are `count` poses, a block at a time."""
+    for start in range(0, count, BLOCK):
+        yield slice(start, start + BLOCK)
 
 
 def components_first(vectors: FloatArray) -> FloatArray:

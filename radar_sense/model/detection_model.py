@@ -26,6 +26,7 @@ from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS, snr
 from radar_sense.model.rcs import RCS, check_rcs, linearize_with_error, with_error
 from radar_sense.states import (
     ATTENUATION_ERROR,
+    BLOCK,
     CONSTANT,
     RADAR,
     RCS_ERROR,
@@ -34,8 +35,6 @@ from radar_sense.states import (
     checked_states,
 )
 
-#: Poses per block. Arrays of 128 kB stay in a second-level cache.
-BLOCK = 16_384
 #: R² [m²] at which aircraft and radar coincide. The square of this does not underflow.
 COINCIDE = 1e-100
 #: From S and P_fa to a value of a detector, and its slope by S.

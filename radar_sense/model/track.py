@@ -15,12 +15,10 @@ from scipy.constants import g as gravity
 from radar_sense.covariance import symmetric_square_root, without_rounding
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy
-from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray
+from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray, slices
 
 #: Below this speed over ground [m/s] an aircraft hovers: a drift does not show the heading.
 HOVER = 0.1
-#: Poses turned at a time. The matrices of all poses would not fit into memory.
-BLOCK = 2**14
 #: Nearer than this [rad] to straight up or down, errors of yaw and roll grow more than 500-fold.
 _STEEP = 0.002
 #: Columns of a route file that hold the attitude, for errors.
@@ -282,9 +280,3 @@ def _jacobian(
         attitude[uncertain], turned[uncertain]
     )
     return jacobian
-
-
-def slices(count: int) -> Iterator[slice]:
-    """Yield slices that together are `count` poses, a block at a time."""
-    for start in range(0, count, BLOCK):
-        yield slice(start, start + BLOCK)

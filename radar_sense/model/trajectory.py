@@ -14,10 +14,9 @@ from radar_sense.model import geodesy
 from radar_sense.model.track import (
     attitude_of_motion,
     covariance_in_frame,
-    slices,
     turn_to_origin,
 )
-from radar_sense.states import POSITION, FloatArray
+from radar_sense.states import POSITION, FloatArray, slices
 
 #: Most poses of a route.
 MAX_ROWS = 1_000_000

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from radar_sense.covariance import component_first, draws
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import NEVER
-from radar_sense.montecarlo.sequences import TOGETHER
-from radar_sense.states import CONSTANT, FloatArray, component, of_radar
+from radar_sense.states import BLOCK, CONSTANT, FloatArray, component, of_radar
 from radar_sense.uncertain_states import UncertainStates, in_sight
 
 
@@ -97,7 +96,7 @@ class Sampler:
         for poses, radars, own in self._parts:
             nominal = self.states.aircraft[poses]
             root = sqrt_cov if sqrt_cov.ndim == 2 else sqrt_cov[poses]
-            size = max(1, TOGETHER // len(nominal))
+            size = max(1, BLOCK // len(nominal))
             for start in range(0, len(p_d), size):
                 runs = slice(start, start + size)
                 aircraft = draws(nominal, root, normals[runs, poses], overwrite=overwrite)

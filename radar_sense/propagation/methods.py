@@ -34,7 +34,7 @@ from radar_sense.propagation.moments import Distribution
 from radar_sense.propagation.plain import PlainDraws
 from radar_sense.propagation.probit import Probit
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray
+from radar_sense.states import BLOCK, FloatArray
 from radar_sense.uncertain_states import UncertainStates, uncertain_states
 
 if TYPE_CHECKING:
@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 AUTOMATIC, MONTE_CARLO = "automatic", "montecarlo"
 #: Numbers in memory for each draw at one pose.
 NUMBERS = 12
-#: Poses between two reports of progress.
-REPORTED = 16_384
 
 
 METHODS: Mapping[str, Callable[[UncertainStates], Distribution]] = {
@@ -275,7 +273,7 @@ def _distributions(
     elif method == AUTOMATIC:
         _foresee(states, FIRST)
     done = 0
-    for part in states.cut(REPORTED):
+    for part in states.cut(BLOCK):
         if method == AUTOMATIC and p_max is not None:
             yield Automatic(part, p_max=p_max)
         else:

@@ -40,13 +40,12 @@ from radar_sense.model.track import (
     ATTITUDE_COLUMNS,
     attitude_of_motion,
     motion_of_samples,
-    slices,
     turn_to_origin,
 )
 from radar_sense.model.trajectory import MIN_STEP, Route
 from radar_sense.scenario_file.table_file import Column, TableFile, open_table
 from radar_sense.scenario_file.track_file import Track, read_gpx, read_state_vectors
-from radar_sense.states import AIRCRAFT, POSITION, FloatArray
+from radar_sense.states import AIRCRAFT, POSITION, FloatArray, slices
 
 _NED = AIRCRAFT[POSITION]
 #: Columns of a position on the earth.

@@ -11,13 +11,11 @@ import numpy as np
 import pytest
 from helpers import scenario
 from scipy.special import ndtr
-from scipy.stats import chisquare, kstest, qmc
+from scipy.stats import chisquare, qmc
 
-from radar_sense.montecarlo import sequences as sampling
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sequences import SAMPLERS, Random, Sobol
 from radar_sense.propagation import propagate_scenario
-from radar_sense.streams import random_stream
 
 RUNS, POSES = 256, 5
 FEW = {"start": 0, "stop": 180, "step": 15}
@@ -153,47 +151,6 @@ def test_normals_have_mean_zero_and_the_unit_matrix_as_covariance():
             assert np.max(abs(normals[kind][:, pose].mean(axis=0))) < of_mean * error
             covariance = np.cov(normals[kind][:, pose], rowvar=False)
             assert np.max(abs(covariance - np.eye(10))) < of_covariance * np.sqrt(2) * error
-
-
-def test_random_normals_are_those_of_box_and_muller():
-    """√(−2 ln(1 − u)) times cosine and sine of 2πv, by other functions than the source's."""
-    source = Random(5, RUNS, POSES)
-    generator = random_stream(5, 2)
-    radar, aircraft = source.block(2)
-    np.testing.assert_array_equal(radar, generator.standard_normal((RUNS, 4)))
-    for pair in (0, 2, 4):
-        u, v = generator.random((2, RUNS, POSES))
-        expected = np.sqrt(-2 * np.log1p(-u)) * np.exp(2j * np.pi * v)
-        np.testing.assert_allclose(aircraft[..., pair], expected.real, rtol=1e-13, atol=1e-14)
-        np.testing.assert_allclose(aircraft[..., pair + 1], expected.imag, rtol=1e-13, atol=1e-14)
-
-
-def test_random_normals_are_normal_far_into_the_tails_and_independent_in_pairs():
-    _, aircraft = Random(7, 2**16, 8).block(0)
-    normals = aircraft.reshape(-1, 6)
-    for i in range(6):
-        assert kstest(normals[:, i], "norm").pvalue > 1e-4
-        expected = 2 * len(normals) * ndtr(-4.0)  # 33
-        assert abs(np.sum(abs(normals[:, i]) > 4) - expected) < 4 * np.sqrt(expected)
-    # of two normals that are merely uncorrelated, the squares need not be
-    for values in (normals, normals**2, abs(normals) > 2):
-        correlation = np.corrcoef(values, rowvar=False) - np.eye(6)
-        assert np.max(abs(correlation)) < 5 / np.sqrt(len(normals))
-
-
-def test_the_ends_of_the_uniform_interval_are_finite_random_normals():
-    class Ends:
-        def random(self, out):
-            ends = [0.0, 2.0**-53, 0.25, 0.5, 0.75, 1.0 - 2.0**-53]
-            out[...] = np.array(np.meshgrid(ends, ends))
-
-    pair = np.empty((2, 6, 6))
-    sampling.fill_with_normals(Ends(), pair)
-    assert np.all(np.isfinite(pair))
-    radius = np.sqrt(-2 * np.log1p(-np.array([0.0, 2.0**-53, 0.25, 0.5, 0.75, 1.0 - 2.0**-53])))
-    np.testing.assert_allclose(np.hypot(*pair), np.tile(radius, (6, 1)), rtol=1e-15, atol=1e-300)
-    assert radius[-1] == pytest.approx(8.57, abs=0.01)
-    np.testing.assert_allclose(pair[0][3], -radius, rtol=1e-15)  # v = 1/2
 
 
 def test_the_ends_of_the_unit_interval_are_finite_normals(monkeypatch):

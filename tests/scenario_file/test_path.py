@@ -12,7 +12,7 @@ import yaml
 from helpers import PAPER, cov_by_level, document, stds_of, with_arrays, without_pixels, write_path
 
 import radar_sense as rs
-from radar_sense import analyses, axis, covariance
+from radar_sense import analyses, axis, covariance, states
 from radar_sense.accuracy import only_at, required_accuracies
 from radar_sense.analyses.rcs import rcs
 from radar_sense.errors import InputError
@@ -158,7 +158,7 @@ def test_square_roots_do_not_depend_on_the_block_size(monkeypatch):
     whole = covariance.square_root(matrices)
     assert whole @ np.swapaxes(whole, -1, -2) == pytest.approx(matrices, abs=1e-12)
     assert (whole[2] == np.diag(np.sqrt(np.arange(6.0)))).all()
-    monkeypatch.setattr(covariance, "BLOCK", 3)
+    monkeypatch.setattr(states, "BLOCK", 3)
     assert (covariance.square_root(matrices) == whole).all()
     first = covariance.component_first(whole)
     assert (first == whole).all()

@@ -25,10 +25,10 @@ from routes import (
 )
 from scipy.spatial.transform import Rotation
 
+from radar_sense import states
 from radar_sense.covariance import problem
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy as wgs84
-from radar_sense.model import track
 from radar_sense.model.trajectory import resample
 from radar_sense.scenario_file import table_file
 
@@ -184,7 +184,7 @@ def test_the_size_of_the_blocks_changes_nothing(monkeypatch):
     columns = {**geodetic(time, place), **triangle(random_covariance(rng, 50))}
     found = []
     for block in (7, 2**14):
-        monkeypatch.setattr(track, "BLOCK", block)
+        monkeypatch.setattr(states, "BLOCK", block)
         path = load(columns, origin=ORIGIN)
         found += [path, resample(path, 0.5), resample(path, 0.5, "smooth")]
     for a, b in zip(found[:3], found[3:], strict=True):
