@@ -341,7 +341,7 @@ class Scenario:
         The record still has the orbit or the path of the file.
         """
         source = self.source
-        if source is not None and self._is_of_file("geometry"):
+        if source is not None and self._is_as_made:
             source = dataclasses.replace(source, made={**source.made, "geometry": geometry})
         return self._with(geometry=geometry, source=source)
 
@@ -367,7 +367,7 @@ class Scenario:
             InputError: If the scenario is not as its file made it, or a value is not allowed.
         """
         source = self.source
-        if source is None or not all(map(self._is_of_file, _OF_FILE)):
+        if source is None or not self._is_as_made:
             raise InputError("keys can be changed of a scenario that is as its file made it")
         changed = source.again(changes).with_analysis(
             level=self.level, runs=self.runs, seed=self.seed, method=self.method
@@ -380,62 +380,42 @@ class Scenario:
     def resolved(self) -> dict[str, Any]:
         """Return the scenario as in its file: keys and numbers as typed, defaults filled in.
 
-        A section that is not as the file made it has the fields of this class in its place, with
-        the digests of long arrays. No file has such a section.
+        A scenario that is not as its file made it, or of no file, has its fields in place of keys,
+        with the digests of long arrays. No file has such sections.
         """
-        document = {} if self.source is None else self.source.file.document()
-        several = bool(self.model.names)
-        levels = {r.name or "radar": r.levels for r in self.radars}
-        states = {
-            "radars" if several else "radar": {
-                "radars": [repr(radar) for radar in self.radars],
-                "states": self.radar,
-                **({"levels": levels} if several else {}),
-            },
-            "aircraft": {"rcs": [repr(radar.model.rcs) for radar in self.radars]},
-            "geometry": {"aircraft": self.aircraft},
-            "uncertainty": {
-                "cov_aircraft": self.cov_aircraft,
-                "rcs_db": self.rcs_db,
-                "correlation_s": self.correlation_s,
-                **({} if several else {"levels": levels}),
-            },
+        document: dict[str, Any]
+        if self.source is not None and self._is_as_made:
+            document = self.source.file.document()
+        else:
+            states = {
+                "radars": {
+                    "radars": [repr(radar) for radar in self.radars],
+                    "states": self.radar,
+                    "levels": {r.name or "radar": r.levels for r in self.radars},
+                },
+                "aircraft": {"rcs": [repr(radar.model.rcs) for radar in self.radars]},
+                "geometry": {"aircraft": self.aircraft},
+                "uncertainty": {
+                    "cov_aircraft": self.cov_aircraft,
+                    "rcs_db": self.rcs_db,
+                    "correlation_s": self.correlation_s,
+                },
+            }
+            sections = {k: {"type": "states", **_recorded(v)} for k, v in states.items()}
+            document = {"name": self.name, **sections}
+        analysis = {
+            "level": self.level,
+            "runs": self.runs,
+            "seed": self.seed,
+            "method": self.method,
         }
-        of_radars, of_poses = self._is_of_file("radars"), self._is_of_file("geometry")
-        choices = ("covariance", "rcs_db", "correlation_s")
-        as_made = {
-            "radars": of_radars,
-            "radar": of_radars,
-            "aircraft": of_radars,
-            "geometry": of_poses,
-            "uncertainty": all(map(self._is_of_file, choices)) and (several or of_radars),
-        }
-        for section, fields in states.items():
-            if not as_made[section]:
-                document[section] = {"type": "states", **_recorded(fields)}
-        if not of_poses:
-            document["aircraft"].pop("attitude_deg", None)
-        types = {"types": document["types"]} if of_radars and "types" in document else {}
-        return {
-            "name": self.name,
-            **types,
-            **{section: document[section] for section in states},
-            "analysis": {
-                "level": self.level,
-                "runs": self.runs,
-                "seed": self.seed,
-                "method": self.method,
-            },
-        }
+        return document | {"name": self.name, "analysis": analysis}
 
-    def _is_of_file(self, name: str) -> bool:
-        """Return whether a field, or the covariance of its poses, is as the file made it."""
-        if self.source is None:
-            return False
-        if name == "covariance":
-            return self.cov_aircraft is self.source.made["geometry"].covariance
-        own, made = getattr(self, name), self.source.made[name]
-        return own is made or (isinstance(own, float) and own == made)
+    @property
+    def _is_as_made(self) -> bool:
+        """Whether all fields that a file makes are as the file made them."""
+        source = self.source
+        return source is not None and all(getattr(self, k) == v for k, v in source.made.items())
 
     def with_analysis(
         self,
@@ -498,7 +478,7 @@ def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
     source, found = scenario.source, {}
     for i, radar in enumerate(scenario.radars):
         own, radars = None, (radar,)
-        if source is not None and scenario._is_of_file("radars"):
+        if source is not None and scenario._is_as_made:
             file = dataclasses.replace(source.file, radars=(source.file.radars[i],))
             own = Source(file, {**source.made, "radars": radars}, source.again)
         found[radar.name] = scenario._with(radars=radars, source=own)
