@@ -241,15 +241,16 @@ class Path(Geometry):
         Raises:
             InputError: If the nose points straight up or down in the frame of the origin.
         """
-        if self.origin is None:
+        origin, flight = self.origin, self.flight
+        if origin is None:
             return dataclasses.replace(self, covariance=covariance)
-        changes: dict[str, Any] = {}
-        for name, at in (("covariance", self), ("flight", self.flight)):
-            if at is not None:
-                changes[name] = covariance_in_frame(covariance, at.time_s, at.aircraft, self.origin)
-        if self.flight is not None:
-            changes["flight"] = dataclasses.replace(self.flight, covariance=changes["flight"])
-        return dataclasses.replace(self, **changes)
+
+        def turned(at: Path | Route) -> FloatArray:
+            return covariance_in_frame(covariance, at.time_s, at.aircraft, origin)
+
+        if flight is not None:
+            flight = dataclasses.replace(flight, covariance=turned(flight))
+        return dataclasses.replace(self, covariance=turned(self), flight=flight)
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Path:
         """Return the path with some of its rows."""
