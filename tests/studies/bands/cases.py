@@ -29,8 +29,12 @@ def read(name):
     The aircraft of the problem is the first row.
     """
     document = yaml.safe_load((FOLDER / f"{name}.yaml").read_text())
-    craft = document["aircraft"]
-    at, rows = geometry(document["geometry"], craft.get("attitude_deg"))
+    at, rows = geometry(document["geometry"], document["aircraft"].get("attitude_deg"))
+    return at, rows, of_document(document, rows[0])
+
+
+def of_document(document, aircraft):
+    """Return the problem of a scenario as YAML has it, with an aircraft state (6,)."""
     known = document["uncertainty"]
     own = known["aircraft"]
     std = [own["position_m"] * np.ones(3), own["attitude_deg"] * np.ones(3) * DEG]
@@ -44,17 +48,16 @@ def read(name):
         constant = level["constant"]
         constant = relative * radars[-1].state[3] if isinstance(constant, dict) else constant
         deviations.append([*(level["position_m"] * np.ones(3)), constant])
-    problem = Problem(
-        population=name,
+    return Problem(
+        population=document["name"],
         number=0,
-        aircraft=rows[0],
+        aircraft=np.array(aircraft, dtype=float),
         radars=tuple(radars),
-        rcs=cross_section(craft["rcs"]),
+        rcs=cross_section(document["aircraft"]["rcs"]),
         cov_aircraft=diagonal(np.concatenate(std)),
         cov_radar=diagonal(np.concatenate(deviations)),
         rcs_db=own.get("rcs_db", 0.0),
     )
-    return at, rows, problem
 
 
 def geometry(block, attitude):

@@ -1,0 +1,389 @@
+"""An uncertain RCS and an uncertain attenuation, against draws of the program in `studies.bands`.
+
+One factor of the RCS holds for all radars and all looks. Each radar has an attenuation of its own.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+from helpers import (
+    cov_by_level,
+    document,
+    place,
+    refusal,
+    scenario,
+    shares_of,
+    target_in_the_north,
+    with_arrays,
+    yaml_text,
+)
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import norm
+from studies.bands import cases, truth
+from studies.bands.model import Oracle
+
+import radar_sense as rs
+from radar_sense import analyses
+from radar_sense.accuracy import required_accuracies
+from radar_sense.mission.looks import Looks
+from radar_sense.mission.recombined import recombined_missions
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
+from radar_sense.model.rcs import ConstantRCS
+from radar_sense.montecarlo.exceedance import exceedance
+from radar_sense.propagation import METHODS, distribution, propagate_scenario
+from radar_sense.sources import error_budget
+
+pytestmark = pytest.mark.usefixtures("quick")
+
+BOLTZMANN = 1.380649e-23
+P_FA, AREA, POSE, DECIBELS = 1e-4, 0.05, 500.0, 1.5
+TAILS = norm.cdf([-3, 3])
+#: Place, its standard deviation, and c_r with its own without an attenuation.
+RADARS = {
+    "one": ((0.0, 0.0, -20.0), 1000.0, (0.006, 0.0004)),
+    "two": ((10e3, 20e3, -20.0), 500.0, (0.0016, 0.0001)),
+    "three": ((20e3, -20e3, -20.0), 800.0, (0.001, 0.00008)),
+}
+#: c_r and its standard deviation with an attenuation, the attenuation and its own [dB/km].
+ATTENUATED = {
+    "one": ((0.04, 0.003), 0.05, 0.01),
+    "two": ((0.02, 0.001), 0.1, 0.015),
+    "three": ((0.003, 0.0003), 0.0, 0.0),
+}
+NORTH = np.array([60e3, 0.0, -6e3, 0.0, 0.0, np.pi / 2])
+
+
+def network(names=tuple(RADARS), rcs_db=0.0, attenuation=None, **changes):
+    """Document of radars that see an aircraft 60 km north of the origin, with Swerling 1.
+
+    The attenuation is None, "certain" or "uncertain".
+    """
+    content = target_in_the_north(AREA, runs=2**13, position_m=POSE, attitude_deg=1)
+    if rcs_db:
+        content["uncertainty"]["aircraft"]["rcs_db"] = rcs_db
+    content["radars"] = []
+    for name in names:
+        at, std, (constant, std_constant) = RADARS[name]
+        entry, level = {}, {}
+        if attenuation:
+            (constant, std_constant), alpha, std_alpha = ATTENUATED[name]
+            entry = {"attenuation_db_per_km": alpha}
+            if std_alpha and attenuation == "uncertain":
+                level = {"attenuation_db_per_km": std_alpha}
+        level = {"position_m": std, "constant": std_constant, **level}
+        content["radars"].append({
+            "name": name, "position_m": list(at), "constant": constant, "p_fa": P_FA, **entry,
+            "detector": "swerling1", "scan_period_s": 8, "uncertainty": {"one": level},
+        })  # fmt: skip
+    return {**content, **changes}
+
+
+def parsed(*args, **kwargs):
+    return rs.parse_scenario(yaml_text(network(*args, **kwargs)))
+
+
+def drawn_at(content, poses, runs, seed):
+    """P_D (runs, n) at poses (n, 6), with the same errors at all of them."""
+    oracle = Oracle(cases.of_document(content, NORTH))
+    aircraft, *errors = oracle.draw(np.random.default_rng(seed), runs)
+    error = aircraft - NORTH[:, np.newaxis]
+    p_d = [oracle.p_d(pose[:, np.newaxis] + error, *errors) for pose in poses]
+    return np.stack(p_d, axis=1)
+
+
+@pytest.mark.parametrize(
+    ("names", "rcs_db", "attenuation"),
+    [
+        (tuple(RADARS), DECIBELS, None),
+        (("one",), 0.0, "uncertain"),
+        (("one",), 1.0, "uncertain"),
+        (("three", "one", "two"), 1.0, "uncertain"),
+    ],
+)
+def test_the_distribution_is_that_of_plain_draws(names, rcs_db, attenuation):
+    content = network(names, rcs_db, attenuation)
+    s = rs.parse_scenario(yaml_text(content))
+    oracle = Oracle(cases.of_document(content, NORTH))
+    every = truth.drawn(oracle, np.random.default_rng(1), 400_000)
+    std, ends = every.std(), np.quantile(every, TAILS)
+    within, density = 0.02 if attenuation else 0.01, 0.07 * std  # four errors of a quantile
+    assert std > 0.03
+    form = propagate_scenario(s, method="form")
+    assert form.mean[0] == pytest.approx(every.mean(), abs=within * std)
+    assert form.std[0] == pytest.approx(std, rel=within)
+    of_form = 0.12 * std if attenuation else density + 0.002
+    assert_allclose([form.lower[0], form.upper[0]], ends, atol=of_form)
+    if not attenuation:
+        assert propagate_scenario(s, method="probit").std[0] == pytest.approx(std, rel=0.1)
+    mc = rs.monte_carlo(s, runs=100_000)
+    assert mc.mean[0] == pytest.approx(every.mean(), abs=5 * std * np.sqrt(1.25e-5))
+    assert mc.std[0] == pytest.approx(std, rel=0.025)
+    assert_allclose([mc.lower[0], mc.upper[0]], ends, atol=4 * density)
+    assert rs.monte_carlo(s, runs=2**14, sampler="sobol").std[0] == pytest.approx(std, rel=0.03)
+    level = float(np.quantile(every, 0.9))
+    assert distribution(s, "form").exceedance(level)[0] == pytest.approx(0.1, abs=0.003)
+    less = parsed(names, 0.0 if attenuation is None else rcs_db, attenuation and "certain")
+    assert propagate_scenario(less, method="form").std[0] < 0.96 * std
+
+
+def test_poses_share_the_factor():
+    poses = np.tile(NORTH, (3, 1))
+    poses[1:, :2] = [[40e3, 45e3], [-45e3, 40e3]]
+    s = with_arrays(
+        parsed(rcs_db=DECIBELS), aircraft=poses, correlation_s=np.inf, time_s=[0, 10, 20], seed=1
+    )
+    every = drawn_at(network(rcs_db=DECIBELS), poses, 200_000, 3)
+    p_max = float(np.quantile(every[:, 0], 0.98))
+    exceeded = every > p_max
+    found = exceedance(s, p_max, 50_000)
+    expected = exceeded.any(axis=1).mean()
+    error = found.error(found.anywhere)
+    assert found.anywhere / found.runs == pytest.approx(expected, abs=5 * error)
+    assert error < 0.06 * expected
+    mc = rs.monte_carlo(s, runs=4000)
+    # pose errors are drawn at each pose, the RCS is not
+    assert np.corrcoef(mc.sample_paths.T)[0, 2] > 0.5
+    assert mc.std[2] == pytest.approx(every[:, 2].std(), rel=0.05)
+
+
+FIXED = ["aircraft_position", "aircraft_orientation", "radar_position", "radar_constant", "total"]
+MEDIUM = {"position_m": 100, "constant": 5}
+
+
+@pytest.mark.parametrize(
+    ("source", "changes"),
+    [
+        ("aircraft_rcs", {"uncertainty__aircraft__rcs_db": 1}),
+        (
+            "radar_attenuation",
+            {
+                "radar__attenuation_db_per_km": 0.01,
+                "uncertainty__radar__medium": {**MEDIUM, "attenuation_db_per_km": 1e-3},
+            },
+        ),
+    ],
+)
+def test_the_budget_has_a_source_of_its_own_after_the_fixed_columns(source, changes):
+    one = scenario(**changes).at_poses(slice(None, None, 4))
+    found = analyses.budget(one)
+    names = [f"three_sigma_{name}" for name in (*FIXED, source)]
+    assert list(found.table) == ["theta_r_deg", *names]
+    parts = [found.table[name] for name in names if "total" not in name]
+    assert_allclose(np.sqrt(np.sum(np.square(parts), axis=0)), found.table[names[4]], rtol=1e-12)
+    assert any(source in line for line in found.report)
+    own = error_budget(one).sources[source].std
+    if source == "radar_attenuation":  # 0.001 dB/km on 500 km is 1 dB there and back
+        plain = with_arrays(one, attenuation_std={}, rcs_db=1.0)
+        assert_allclose(own, error_budget(plain).sources["aircraft_rcs"].std, rtol=2e-5)
+        return
+    certain = {"medium": np.zeros((4, 4))}
+    only = with_arrays(one, cov_aircraft=np.zeros((6, 6)), cov_radar=certain, level="medium")
+    for method in ("linear", "probit", "form"):
+        alone = error_budget(one, method).sources[source].std
+        assert_allclose(alone, propagate_scenario(only, method=method).std, rtol=1e-3)
+
+
+@pytest.mark.parametrize("rcs_db", [0.0, 1.0])
+def test_the_budget_of_a_network_has_the_attenuation_of_each_radar(rcs_db):
+    s = parsed(rcs_db=rcs_db, attenuation="uncertain")
+    for method in METHODS:
+        budget = error_budget(s, method)
+        names = ["aircraft_position", "aircraft_orientation", *RADARS]
+        assert list(budget.sources) == names + ["aircraft_rcs"] * (rcs_db > 0)
+        if method == "montecarlo":  # Sobol' indices have no finer sources
+            assert not budget.finer
+            continue
+        if method == "linear":
+            for name in RADARS:
+                parts = ("position", "constant", "attenuation")
+                whole = sum(budget.finer[f"{name}_{part}"].std ** 2 for part in parts)
+                assert_allclose(budget.sources[name].std ** 2, whole, rtol=1e-12)
+        assert min(budget.finer[f"{name}_attenuation"].std[0] for name in ("one", "two")) > 0.002
+        assert budget.finer["three_attenuation"].std[0] == 0
+    result = analyses.budget(s)
+    rows = [line.split() for line in result.report if line.startswith("    attenuation")]
+    total = result.table["three_sigma_total"][0]
+    shown = sorted(
+        (f"{three:.4f}" if three > 1e-6 else "0", f"{(three / total) ** 2:.1%}")
+        for name in RADARS
+        for three in result.table[f"three_sigma_{name}_attenuation"]
+    )
+    assert sorted((three, share) for _, three, share in rows) == shown
+
+
+def test_how_well_the_rcs_must_be_known():
+    s = parsed(rcs_db=DECIBELS)
+    assert analyses.budget(s).summary["dominant"] == "aircraft_rcs"
+    half = propagate_scenario(parsed(rcs_db=DECIBELS / 2), method="form")
+    found = required_accuracies(s, 3 * half.std[0], method="form")
+    assert found["aircraft_rcs"].factor == pytest.approx(0.5, rel=1e-4)
+    sources = {"aircraft_position", "aircraft_orientation", "all", "aircraft_rcs"}
+    assert set(found) == {*sources, *RADARS}
+
+
+@pytest.mark.parametrize("names", [("one",), ("one", "two")])
+def test_indices_are_linear_shares_where_p_d_is_nearly_linear(names):
+    for rcs_db in (0.0, 0.2):
+        s = parsed(names, rcs_db, "uncertain")
+        small = {"one": 0.04 * cov_by_level(s)["one"]}
+        std = {"one": tuple(0.2 * r.levels["one"].attenuation_std for r in s.radars)}
+        s = with_arrays(s, cov_radar=small, cov_aircraft=0.04 * s.cov_aircraft, attenuation_std=std)
+        found, linear = error_budget(s, "montecarlo"), error_budget(s)
+        assert list(found.sources) == list(linear.sources)
+        for name, share in shares_of(found).items():
+            assert share[0] == pytest.approx(shares_of(linear)[name][0], abs=0.03)
+
+
+@pytest.mark.parametrize(("names", "periods"), [(("one",), (8,)), (tuple(RADARS), (8, 12))])
+def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, names, periods):
+    """A flight past radars with one period, or with several periods in turn."""
+    rows = ["0,60e3,-40e3", "60,55e3,0", "120,60e3,40e3"]
+    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
+    (tmp_path / "route.csv").write_text("\n".join([header, *(f"{r},-6e3,0,0,90" for r in rows)]))
+    content = network(names, DECIBELS, geometry={"type": "path", "file": "route.csv"})
+    content["uncertainty"]["aircraft_correlation_s"] = ".inf"
+    del content["aircraft"]["attitude_deg"]
+    for radar, period in zip(content["radars"], periods * len(names), strict=False):
+        radar["scan_period_s"] = period
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    s = rs.load_scenario(tmp_path / "s.yaml")
+    oracle = Oracle(cases.of_document(content, NORTH))
+    aircraft, radars, rcs_error, _ = oracle.draw(np.random.default_rng(1), 60_000)
+    missed = 1.0
+    for i, radar in enumerate(content["radars"]):
+        alone = Oracle(cases.of_document({**content, "radars": [radar]}, NORTH))
+        for t in range(0, 121, radar["scan_period_s"]):
+            moved = [np.interp(t, [0, 60, 120], v) for v in ([0, -5e3, 0], [-40e3, 0, 40e3])]
+            pose = aircraft + np.array([*moved, 0, 0, 0, 0])[:, np.newaxis]
+            missed = missed * (1 - alone.p_d(pose, radars[4 * i : 4 * i + 4], rcs_error))
+    every = 1 - missed
+    std, ends = every.std(), np.quantile(every, TAILS)
+    found = recombined_missions(Looks.of(s), (2, 3))
+    assert len(found) == (1 if len(names) == 1 else 4)
+    bounds = found[0][0]
+    assert bounds.mean[-1] == pytest.approx(every.mean(), abs=0.03 * std)
+    assert bounds.std[-1] == pytest.approx(std, rel=0.04)
+    for value, error, end in (
+        (bounds.lower[-1], bounds.lower_se[-1], ends[0]),
+        (bounds.upper[-1], bounds.upper_se[-1], ends[1]),
+    ):
+        assert error < 0.03 * std + 0.002
+        assert value == pytest.approx(end, abs=4 * error + 0.15 * std)
+    plain = analyses.mission(s, runs=10_000).table
+    assert plain["mc_std"][-1] == pytest.approx(std, rel=0.04)
+    assert_allclose([plain["mc_lower"][-1], plain["mc_upper"][-1]], ends, atol=0.3 * std)
+
+
+# The attenuation alone.
+
+
+@pytest.mark.parametrize(
+    "rcs", [ConstantRCS(0.1), rs.EllipsoidRCS(0.15, 0.13, 0.21)], ids=["constant", "ellipsoid"]
+)
+def test_signal_and_partials_are_those_of_the_formula(rcs):
+    rng, plain = np.random.default_rng(18), rs.DetectionModel(rcs, 1e-6, rs.Swerling1())
+    model = dataclasses.replace(plain, attenuation=2e-5)  # 0.02 dB/km
+    count = 60
+    whole = np.concatenate(
+        [rng.uniform(-2e5, 2e5, (count, 3)), rng.uniform(-1, 1, (count, 3)),
+         rng.uniform(-1e4, 1e4, (count, 3)), rng.uniform(1, 300, (count, 1)),
+         rng.uniform(-2, 2, (count, 3))], axis=1,
+    )  # fmt: skip
+    distance = np.linalg.norm(whole[:, :3] - whole[:, 6:9], axis=1) / 1e3
+    for radar, alpha in ((whole[:, 6:10], 0.02), (whole[:, 6:], 0.02 * np.exp(whole[:, 11]))):
+        expected = plain.snr(whole[:, :6], radar) * 10 ** (-2 * alpha * distance / 10)
+        assert_allclose(model.snr(whole[:, :6], radar), expected, rtol=1e-12)
+        loss = 2 * alpha * distance
+        assert np.quantile(loss, 0.1) > 0.5
+    lin = model.linearize(whole[:, :6], whole[:, 6:])
+    jacobian = np.concatenate([lin.jac_aircraft, lin.jac_radar], axis=1)
+    assert jacobian.shape == (count, 13)
+    steps = np.array([1.0] * 3 + [1e-5] * 3 + [1.0] * 3 + [1e-4] * 4)
+    for i, step in enumerate(steps):
+        ends = [whole + sign * step * np.eye(13)[i] for sign in (1, -1)]
+        high, low = (model.p_d(end[:, :6], end[:, 6:]) for end in ends)
+        difference = (high - low) / (2 * step)
+        assert_allclose(jacobian[:, i], difference, atol=2e-6 * np.abs(difference).max())
+    for states in (whole[:, 6:10], whole[:, 6:]):
+        one = NetworkModel((Radar(model),)).linearize(whole[:, :6], states)
+        expected = model.linearize(whole[:, :6], states).jac_radar
+        assert_allclose(one.jac_radar, expected, rtol=1e-12)
+
+
+def test_a_map_has_the_attenuation():
+    certain = parsed(("one",), attenuation="certain")
+    cells = {"north_km": (20, 90), "east_km": (0, 60), "step_km": 10.0}
+    plane = analyses.coverage_map(certain, **cells).table
+    north, east = np.meshgrid(plane["north_m"], plane["east_m"], indexing="ij")
+    distance = np.sqrt(north**2 + east**2 + (6e3 - 20) ** 2)
+    snr = 0.04 * AREA * 10 ** (-2 * 0.05 * distance / 1e4) / (BOLTZMANN * distance**4)
+    assert_allclose(plane["p_d"], P_FA ** (1 / (1 + snr)), rtol=1e-6)
+
+
+def test_the_attenuation_is_read_and_read_back():
+    s = parsed(rcs_db=1.5, attenuation="uncertain")
+    assert_allclose([m.attenuation for m in s.model.models], [5e-5, 1e-4, 0], rtol=1e-15)
+    std = [radar.levels["one"].attenuation_std for radar in s.radars]
+    assert_allclose(std, [1e-5, 1.5e-5, 0], rtol=1e-15)
+    each = s.states().radar.reshape(3, 7)
+    assert_array_equal(each[:, :4], s.radar_states)
+    assert not each[:, 4:].any()
+    cov = s.states().cov_radar[0]
+    assert_allclose(cov[4::7, 4::7], np.full((3, 3), 2.25), rtol=1e-12)  # one error of the RCS
+    assert_allclose(cov[5::7, 5::7], np.diag([0.04, 0.0225, 0]), rtol=1e-12)
+    record = s.resolved()
+    assert "attenuation_db_per_km" not in record["radars"][2]
+    assert record["radars"][1]["attenuation_db_per_km"] == 0.1
+    assert record["radars"][1]["uncertainty"]["one"]["attenuation_db_per_km"] == 0.015
+    again = rs.parse_scenario(yaml_text(record))
+    assert again.resolved() == record
+    assert_array_equal(again.states().cov_radar[0], cov)
+    certain = parsed(attenuation="certain")
+    assert not certain.states().cov_radar[0].reshape(3, 7, 21)[:, 4:].any()
+    whole = {"covariance": np.eye(4).tolist(), "attenuation_db_per_km": 0.005}
+    one = scenario(radar__attenuation_db_per_km=0.01, uncertainty__radar__low=whole)
+    std = {name: level.attenuation_std for name, level in one.radars[0].levels.items()}
+    assert std == {"low": 5e-6, "medium": 0, "high": 0}
+    assert not one.uncertain_parameters
+    assert one.with_analysis(level="low").states().cov_radar[0, -2, -2] == pytest.approx(0.25)
+
+
+def test_refusals_name_the_key(tool):
+    level = "uncertainty.radar.medium.attenuation_db_per_km"
+    for attenuation, std, path, message in (
+        (0, 0.1, level, "must be at most the attenuation_db_per_km of the radar, 0, got 0.1"),
+        (0.1, 0.1001, level, "must be at most the attenuation_db_per_km of the radar, 0.1, got"),
+    ):
+        medium = {"position_m": 100, "constant": 5, "attenuation_db_per_km": std}
+        text = yaml_text(
+            document(radar__attenuation_db_per_km=attenuation, uncertainty__radar__medium=medium)
+        )
+        _, key, complaint = place(refusal(tool, text))
+        assert key == path
+        assert message in complaint
+    with pytest.raises(ValueError, match="attenuation must be"):
+        rs.DetectionModel(ConstantRCS(1.0), 1e-6, attenuation=-1)
+    with pytest.raises(ValueError, match="attenuation_std"):
+        with_arrays(parsed(("one",)), attenuation_std={"one": (1.0,)})
+    with pytest.raises(ValueError, match="got inf for the error of the attenuation"):
+        rs.DetectionModel(ConstantRCS(1.0), 1e-6).p_d(
+            np.ones(6), np.array([0, 0, 0, 1, 0, np.inf, 0])
+        )
+
+
+def test_the_detection_range_has_the_attenuation():
+    s = parsed(("one",), 1.0, "uncertain")
+    table = analyses.detection_range(s, p_d=(0.5,), step_deg=90).table
+    needed = np.log(P_FA) / np.log(0.5) - 1
+    low, high = 1e3, 1e6
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        snr = 0.04 * AREA * 10 ** (-2 * 0.05 * middle / 1e4) / (BOLTZMANN * middle**4)
+        low, high = (middle, high) if snr > needed else (low, middle)
+    assert_allclose(table["range_m_0.5"], low, rtol=1e-9)
+    certain = with_arrays(s, rcs_db=0.0, attenuation_std={})
+    narrow = analyses.detection_range(certain, p_d=(0.5,), step_deg=90).table
+    assert np.all(narrow["sigma_range_m_0.5"] < 0.8 * table["sigma_range_m_0.5"])
