@@ -37,7 +37,7 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize("method", ["linear", "form"])
+@pytest.mark.parametrize("method", ["linear", "probit", "form"])
 def test_rows_of_parts(method):
     s = mixed_network()
     found = error_budget(s, method)
@@ -82,9 +82,12 @@ def test_indices_of_parts():
             assert share[0] == pytest.approx(theirs[name][0], abs=0.03)
     assert max(share[0] for share in part_shares(linear).values()) > 0.2
     assert sum(share[0] for share in shares_of(found).values()) == pytest.approx(1)
+    of_sources = [c.share_error[0] for c in found.sources.values()]
+    assert found.interaction.share_error[0] == pytest.approx(np.linalg.norm(of_sources), rel=1e-12)
 
 
-def test_how_much_a_part_of_one_radar_must_be_reduced():
+@pytest.mark.parametrize("method", ["linear", "probit"])
+def test_how_much_a_part_of_one_radar_must_be_reduced(method):
     def known_to(gain):
         several = mixed_radars(
             {**MIXED_SEARCH_STD, "loss_db": 0.2}, {**MIXED_TRACK_STD, "gain_dbi": gain}
@@ -93,12 +96,16 @@ def test_how_much_a_part_of_one_radar_must_be_reduced():
         return mixed_network(several, sweep=(60, 60, 1))
 
     s, half = known_to(0.5), known_to(0.25)
-    target = 3 * propagate_scenario(half, method="linear").std.max()
-    three_sigma = value_function(s, "linear")
+    target = 3 * propagate_scenario(half, method=method).std.max()
+    three_sigma = value_function(s, method)
     assert three_sigma(["b_constant_gain_dbi"], 0.5) == pytest.approx(target, rel=1e-12)
-    allowed = required_accuracies(s, target)
+    allowed = required_accuracies(s, target, method=method)
     assert list(allowed) == [*error_budget(s).sources, *ROWS, "all"]
     assert allowed["b_constant_gain_dbi"].factor == pytest.approx(0.5, rel=1e-6)
+    report = analyses.budget(s, method=method, target=target).report
+    assert any(re.fullmatch(r"  +b_constant_gain_dbi +50 %", line) for line in report)
+    if method == "probit":
+        return
     found = error_budget(s)
     rest = stds_of({**found.sources, **found.parts, "b_position": found.finer["b_position"]})
     for name in ("b", "a_constant_average_power_kw", "a_constant_temperature_k",
@@ -136,7 +143,13 @@ def test_the_command_shows_the_parts(tool):
     assert header[-6:] == [f"three_sigma_{row}" for row in ROWS]
     assert len(set(header)) == len(header)
     record = json.loads(Path("out/paper_budget.json").read_text())
-    assert list(record["summary"]["radar_constant_parts_at_largest"]) == ROWS
+    at_largest = record["summary"]["radar_constant_parts_at_largest"]
+    shares = record["summary"]["shares_of_radar_constant_parts_at_largest"]
+    assert list(at_largest) == list(shares) == ROWS
+    (values,) = np.loadtxt("out/paper_budget.csv", delimiter=",", skiprows=1, ndmin=2)
+    assert list(at_largest.values()) == pytest.approx(values[-6:])
+    total = values[header.index("three_sigma_total")]
+    assert list(shares.values()) == pytest.approx((values[-6:] / total) ** 2)
     again = parse_scenario(yaml.safe_dump(record["scenario"]))
     assert again.tolerances == mixed_network().tolerances
 

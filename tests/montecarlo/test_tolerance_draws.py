@@ -5,11 +5,8 @@ import math
 import numpy as np
 import pytest
 from helpers import (
-    MIXED_AREA,
     MIXED_DOWN,
     MIXED_NUMBER,
-    MIXED_P_FA,
-    MIXED_POSITIONS,
     MIXED_RANGE,
     few_draws,
     mission,
@@ -20,7 +17,8 @@ from helpers import (
     yaml_text,
 )
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.special import erfc
+from studies.bands import cases, truth
+from studies.bands.model import Oracle
 
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
@@ -31,37 +29,18 @@ from radar_sense.sources import error_budget
 # Draws.
 
 
-def brute_force(draws, azimuth_deg, seed):
-    """Return fused P_D (draws,) without code of the package."""
-    rng = np.random.default_rng(seed)
-    normal = rng.standard_normal
-    azimuth = math.radians(azimuth_deg)
-    here = [MIXED_RANGE * math.cos(azimuth), MIXED_RANGE * math.sin(azimuth), MIXED_DOWN]
-    aircraft = np.array(here) + 50 * normal((draws, 3))
-
-    def missed(name, constant):
-        radar = np.array(MIXED_POSITIONS[name]) + 20 * normal((draws, 3))
-        squared = np.sum((aircraft - radar) ** 2, axis=1)
-        ratio = constant * MIXED_AREA / (1.380649e-23 * squared**2)
-        return 1 - 0.5 * erfc(math.sqrt(-math.log(MIXED_P_FA)) - np.sqrt(ratio + 0.5))
-
-    power, temperature = 2100 + 100 * normal(draws), 487 + 30 * normal(draws)
-    loss = 22.5 + 1.2 * normal(draws)
-    search = power * 2.874 * (60 / 12.5) / (16 * temperature * 10 ** (loss / 10) * 4.039)
-    gain, ghz = 36 + 0.5 * normal(draws), 9.4 + 0.3 * normal(draws)
-    loss = 6 + 0.8 * normal(draws)
-    length = 299792458 / (ghz * 1e9)
-    track = 2000e3 * 10 ** (2 * gain / 10) * length**2 * 0.8e-6
-    track /= (4 * math.pi) ** 3 * 290 * 10 ** ((loss + 4) / 10)
-    number = MIXED_NUMBER[0] + MIXED_NUMBER[1] * normal(draws)
-    return 1 - missed("a", search) * missed("b", track) * missed("c", number)
-
-
 @pytest.mark.parametrize("azimuth", [30, 90])
-def test_a_network_drawn_by_hand(azimuth):
-    draws = 200_000
-    drawn = brute_force(draws, azimuth, seed=4)
-    s = mixed_network(sweep=(azimuth, azimuth, 1), runs=100_000)
+def test_a_network_against_plain_draws(azimuth):
+    draws, angle = 200_000, math.radians(azimuth)
+    content = mixed_document(sweep=(azimuth, azimuth, 1), runs=100_000)
+    s = parse_scenario(yaml_text(content))
+    place = [MIXED_RANGE * math.cos(angle), MIXED_RANGE * math.sin(angle), MIXED_DOWN]
+    content["radars"] = [
+        {**radar, "uncertainty": {"sheet": radar["uncertainty"]["sheet"]}}
+        for radar in content["radars"]
+    ]
+    problem = cases.of_document(content, [*place, 0.0, 0.0, 0.0])
+    drawn = truth.drawn(Oracle(problem), np.random.default_rng(4), draws)
     each = [m.p_d(s.aircraft, s.radar[4 * i : 4 * i + 4])[0] for i, m in enumerate(s.model.models)]
     assert len(set(np.round(each, 2))) == 3
     found = monte_carlo(s)

@@ -19,8 +19,9 @@ from .truth import drawn, ends, probability_se
 
 FOLDER = Path(__file__).parents[1] / "cases"
 SPEED_OF_LIGHT = 299_792_458.0
-#: Power of c_r for the keys of a data sheet in decibels.
+#: Power of c_r for the keys of a data sheet in decibels, and for other keys.
 DECIBELS = {"gain_dbi": 2, "loss_db": -1, "noise_figure_db": -1}
+LINEAR = {"average_power_kw": 1, "peak_power_kw": 1, "temperature_k": -1, "frequency_ghz": -2}
 
 
 def read(name):
@@ -81,15 +82,14 @@ def one_radar(block, level):
     """Return a radar from its block, and from the uncertainty of its level."""
     tolerances, constant = (), block.get("constant")
     if constant is None:
-        sheet = block["tracking"]
-        decibels = sum(power * sheet[key] for key, power in DECIBELS.items())
-        wavelength = SPEED_OF_LIGHT / (1e9 * sheet["frequency_ghz"])
-        energy = 1e3 * sheet["peak_power_kw"] * 1e-6 * sheet["pulse_width_us"]
-        constant = energy * wavelength**2 * 10 ** (decibels / 10) / ((4 * np.pi) ** 3 * 290)
-        tolerances = tuple(
-            (key, sheet[key], std, DECIBELS[key], True) for key, std in level["constant"].items()
-        )
-    detector = block["detector"]
+        sheet = block.get("tracking") or block["surveillance"]
+        constant = sheet_constant(sheet)
+        if isinstance(level["constant"], dict):
+            tolerances = tuple(
+                (key, sheet[key], std, {**DECIBELS, **LINEAR}[key], key in DECIBELS)
+                for key, std in level["constant"].items()
+            )
+    detector = block.get("detector", "north")
     if isinstance(detector, str):
         detector = {"model": detector}
     return Radar(
@@ -103,6 +103,19 @@ def one_radar(block, level):
         tolerances=tolerances,
         pulses=detector.get("pulses", 1),
     )
+
+
+def sheet_constant(sheet):
+    """Return c_r of a data sheet."""
+    decibels = sum(power * sheet.get(key, 0.0) for key, power in DECIBELS.items())
+    constant = 10 ** (decibels / 10) / sheet.get("temperature_k", 290)
+    if "aperture_m2" in sheet:
+        seconds = 60 / sheet["rotation_rpm"]
+        power = 1e3 * sheet["average_power_kw"] * sheet["aperture_m2"]
+        return constant * power * seconds / (16 * sheet["search_volume_sr"])
+    wavelength = SPEED_OF_LIGHT / (1e9 * sheet["frequency_ghz"])
+    energy = 1e3 * sheet["peak_power_kw"] * 1e-6 * sheet["pulse_width_us"]
+    return constant * energy * wavelength**2 / (4 * np.pi) ** 3
 
 
 def cross_section(block):
