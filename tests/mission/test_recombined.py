@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
-from helpers import document, mission, with_arrays
+from helpers import document, mission, with_arrays, yaml_text
 from scipy.special import ndtr
+from studies.bands import cases
+from studies.bands.model import Oracle
 
 import radar_sense as rs
 from radar_sense.mission import recombined
@@ -43,9 +44,14 @@ RANKS = ndtr(-3.0) * PARTS
 SIGMA = 0.05  # m²
 
 
-def load(folder, names, tau, pose=800, *, every=None, weaker=1.0, **changes):
-    """Return a scenario, with another period of all radars and weaker ones if wanted."""
-    (folder / "route.csv").write_text(ROUTE)
+SHEET = {
+    **{"peak_power_kw": 1.0, "gain_dbi": 40, "frequency_ghz": 9, "pulse_width_us": 10},
+    **{"temperature_k": 290, "loss_db": 8, "noise_figure_db": 5},
+}
+
+
+def mission_document(names, tau, pose=800, *, every=None, weaker=1.0, **changes):
+    """Return a document, with another period of all radars and weaker ones if wanted."""
     content = document(
         geometry={"type": "path", "file": "route.csv"}, name="flight", analysis={"level": "one"}
     )
@@ -57,25 +63,21 @@ def load(folder, names, tau, pose=800, *, every=None, weaker=1.0, **changes):
     }
     content["radars"] = []
     for name in names:
-        place, _, period, std, decibels = RADARS[name]
-        data_sheet = {
-            "peak_power_kw": 1.0, "gain_dbi": 40, "frequency_ghz": 9, "pulse_width_us": 10,
-            "temperature_k": 290, "loss_db": 8, "noise_figure_db": 5,
-        }  # fmt: skip
+        place, constant, period, std, decibels = RADARS[name]
+        power = weaker * constant / cases.sheet_constant(SHEET)
         content["radars"].append({
-            "name": name, "position_m": list(place), "tracking": data_sheet, "p_fa": P_FA,
-            "detector": "swerling1", "scan_period_s": every or period,
+            "name": name, "position_m": list(place), "tracking": {**SHEET, "peak_power_kw": power},
+            "p_fa": P_FA, "detector": "swerling1", "scan_period_s": every or period,
             "uncertainty": {"one": {"position_m": std, "constant": {"loss_db": decibels}}},
         })  # fmt: skip
-    file = folder / "my.yaml"
-    for entry in content["radars"]:  # the power of the given c_r
-        file.write_text(yaml.safe_dump(content, sort_keys=False))
-        made = rs.load_scenario(file).radar.reshape(-1, 4)
-        i = content["radars"].index(entry)
-        entry["tracking"]["peak_power_kw"] = float(weaker * RADARS[entry["name"]][1] / made[i, 3])
-    content.update(changes)
-    file.write_text(yaml.safe_dump(content, sort_keys=False))
-    return rs.load_scenario(file)
+    return content | changes
+
+
+def load(folder, *args, **options):
+    """Return the scenario of `mission_document`."""
+    (folder / "route.csv").write_text(ROUTE)
+    (folder / "my.yaml").write_text(yaml_text(mission_document(*args, **options)))
+    return rs.load_scenario(folder / "my.yaml")
 
 
 def look_times(names, every=None):
@@ -85,28 +87,25 @@ def look_times(names, every=None):
 def plain_missions(names, tau, m, n, runs, seed, pose=800, every=None, weaker=1.0):
     """P_c and T by each time (K, runs) of drawn missions, with no code of the package."""
     rng = np.random.default_rng(seed)
+    content = mission_document(names, tau, pose, every=every, weaker=weaker)
+    problem = cases.of_document(content, np.zeros(6))
+    _, radars, *_ = Oracle(problem).draw(rng, runs)
     periods = {name: every or RADARS[name][2] for name in names}
     times = look_times(names, every)
-    error = rng.standard_normal((3, runs))
-    poses, last = {}, None
+    error, poses, last = rng.standard_normal((3, runs)), {}, None
     for t in times:
         if last is not None:
             rho = 1.0 if math.isinf(tau) else 0.0 if tau == 0 else math.exp(-(t - last) / tau)
             error = rho * error + math.sqrt(1 - rho * rho) * rng.standard_normal((3, runs))
         nominal = [np.interp(t, [0, 60, 120], v)
                    for v in ([60e3, 55e3, 60e3], [-40e3, 0, 40e3], [-6e3] * 3)]  # fmt: skip
-        poses[t] = np.array(nominal)[:, None] + pose * error
+        poses[t] = np.vstack([np.array(nominal)[:, None] + pose * error, np.zeros((3, runs))])
         last = t
     p_d = {}
-    for name in names:
-        place, constant, _, std, decibels = RADARS[name]
-        at = np.array(place)[:, None] + std * rng.standard_normal((3, runs))
-        c_r = weaker * constant * 10 ** (-decibels * rng.standard_normal(runs) / 10)
-        for t in times:
-            if t % periods[name] == 0:
-                squared = np.sum((poses[t] - at) ** 2, axis=0)
-                snr = c_r * SIGMA / (1.38e-23 * squared**2)
-                p_d[name, t] = P_FA ** (1 / (1 + snr))
+    for i, name in enumerate(names):
+        alone, own = Oracle(replace(problem, radars=problem.radars[i : i + 1])), 4 * i
+        for t in (t for t in times if t % periods[name] == 0):
+            p_d[name, t] = alone.p_d(poses[t], radars[own : own + 4])
     missed = np.cumprod(
         [np.prod([1 - p_d[i, t] for i in names if (i, t) in p_d], axis=0) for t in times], axis=0
     )
@@ -222,9 +221,7 @@ def test_correlated_radars_are_drawn_together(tmp_path, monkeypatch):
             Looks.of(
                 with_arrays(
                     s,
-                    model=NetworkModel(
-                        tuple(dataclasses.replace(r, band=band * r.name) for r in s.radars)
-                    ),
+                    model=NetworkModel(tuple(replace(r, band=band * r.name) for r in s.radars)),
                     cov_radar={"one": np.diag(std**2)},
                     tolerances=None,
                     rcs_db=decibels,
