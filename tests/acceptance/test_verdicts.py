@@ -64,22 +64,6 @@ def test_the_probabilities_of_the_paper():
         assert found[1][1] == pytest.approx(at_60, abs=0.00005)
 
 
-@pytest.mark.parametrize("level", ["medium", "high"])
-def test_probabilities_against_draws(level):
-    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 30})
-    s = s.with_analysis(level=level)
-    runs = 50_000
-    p_d = drawn_p_d(s, runs)
-    for shift in (-0.1, -0.02, 0.01, 0.05):
-        for pose, p_max in enumerate(np.clip(p_d.mean(axis=0) + shift, 0.01, 0.999)):
-            share = np.mean(p_d[:, pose] > p_max)
-            error = math.sqrt(max(share * (1 - share), 1 / runs) / runs)
-            one = s.at_poses(np.array([pose]))
-            for method, own in (("form", 0.001), ("automatic", 0.02)):
-                found = distribution(one, method).exceedance(p_max)[0]
-                assert found == pytest.approx(share, abs=4 * error + own)
-
-
 @pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
 def test_a_probability_is_at_most_one(method):
@@ -429,19 +413,6 @@ def test_draws_decide_where_form_is_unreliable():
         assert test["verdict"] == ("holds" if p_max > upper else "violated")
 
 
-def test_a_named_method_without_a_bound_is_not_known():
-    """Between two lobes the search by `form` does not converge."""
-    s = scenario(
-        aircraft__rcs={"model": "spikeball", "lobes": 36, "amplitude_m2": 0.02, "floor_m2": 0.002},
-        geometry__azimuth_deg={"start": 47, "stop": 47, "step": 3},
-    )
-    assert np.isnan(propagate_scenario(s, method="form").upper).all()
-    result = analyses.variance(s, threshold=0.9, method="form")
-    assert result.warnings
-    assert result.summary["threshold"]["verdict"] == "not known"
-    assert result.table["not_known"].tolist() == [1]
-
-
 @pytest.mark.parametrize("threshold", [0.62, 0.8])
 def test_how_small_a_source_must_be_for_the_bound(threshold):
     """With the factor, the bound of the test equals P_max to the accuracy of the search."""
@@ -474,16 +445,6 @@ def test_the_budget_of_a_threshold(tool):
     above = tool("budget", "--threshold", "0.5", "--at", "45", "--no-plot")
     assert "impossible alone (0.5935 remains at 45 deg, from P_D itself)" in above.out
     assert "may grow" in tool("budget", "--threshold", "0.9", "--at", "45", "--no-plot").out
-    for options, words in (
-        (["--k", "2"], "k needs threshold"),
-        (["--target", "0.1", "--threshold", "0.5"], "exclude each other; give one"),
-        (["--target", "0.1", "--k", "2"], "k needs threshold"),
-        (["--method", "montecarlo", "--threshold", "0.5"], "threshold needs one of the methods"),
-        (["--threshold", "0.5", "--k", "11"], "not greater than 10"),
-    ):
-        refused = tool("budget", *options)
-        assert refused.code == 2
-        assert words in refused.err
 
 
 @pytest.mark.usefixtures("few_judge")
@@ -501,20 +462,6 @@ def test_places_of_a_path_are_in_the_table(tmp_path):
     first = [table[name][0] for name in ("latitude_deg", "longitude_deg", "altitude_m")]
     assert first == pytest.approx([33, -154, 9000], abs=1e-6)  # of the first row of the route
     assert "north_m" not in analyses.variance(scenario(geometry__azimuth_deg=FEW)).table
-
-
-@pytest.mark.usefixtures("few_judge")
-def test_a_band_without_its_draws_gives_the_same_verdict(tmp_path):
-    """The first looks are then made by the decision."""
-    s = past(tmp_path)
-    with_draws, without = (
-        path_test(s, "automatic", 0.1, 3.0, band_of_scenario(s, method="automatic", p_max=p_max))
-        for p_max in (0.1, None)
-    )
-    assert without.path.added > 0
-    assert without.path.band.drawn is None
-    np.testing.assert_array_equal(without.decision.holds, with_draws.decision.holds)
-    np.testing.assert_array_equal(without.test.violated, with_draws.test.violated)
 
 
 def test_p_d_above_the_threshold_is_violated_though_draws_are_below():

@@ -153,13 +153,11 @@ def test_required_accuracies_where_the_value_of_another_pose_falls_again(
 ):
     """The search follows the poses beyond the limit at a larger factor, and looks at the others."""
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 90})
-    evaluated = []
 
     def value_function(scenario, method, k=None):
         grows = scenario.axis.values == 0
 
         def value(names, factor):
-            evaluated.append((*names, len(grows)))
             bump = 2.0 * np.exp(-0.5 * ((factor - 10) / width) ** 2)
             return np.where(grows, factor / 10, bump if names == ("radar_position",) else 0.0)
 
@@ -170,9 +168,6 @@ def test_required_accuracies_where_the_value_of_another_pose_falls_again(
     assert found["radar_position"].factor == pytest.approx(factor, rel=2e-4)
     assert found["aircraft_position"].factor == pytest.approx(10.0, rel=1e-6)
     assert found["aircraft_position"].known
-    # at 0, 1, 4 and 16, at the result 10, for the draws that verify 1, 3.2 and 10, for the residual
-    assert evaluated.count(("aircraft_position", 2)) == 9
-    assert evaluated.count(("aircraft_position", 1)) > 3
 
 
 @pytest.mark.parametrize("rounding", [-4.5e-16, 4.5e-16])
@@ -248,10 +243,6 @@ def test_the_report_of_a_budget_has_the_required_accuracies():
     assert result.summary["target"]["required_accuracy"]["all"]["factor"] == pytest.approx(
         0.5458, rel=1e-4
     )
-    with pytest.raises(InputError, match="target needs one of the methods"):
-        analyses.budget(load_scenario(), method="montecarlo", target=0.05)
-    with pytest.raises(InputError, match="did you mean 'linear'"):
-        analyses.budget(load_scenario(), method="linaer")
 
 
 def test_methods_other_than_linear_add_columns():

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, document, one_line, scenario, sheet_scenario, with_arrays, yaml_text
+from helpers import OVERHEAD, document, scenario, sheet_scenario, with_arrays, yaml_text
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
@@ -368,38 +368,6 @@ def test_poses_beyond_a_limit_have_no_margin():
     result = rs.analyses.detectors(hidden, p_d=0.9)
     assert result.report[0] == "no margin at 0 deg: beyond a limit"
     FigureCanvasAgg(result.plot()).draw()
-
-
-@pytest.mark.parametrize(
-    ("changes", "options", "problem"),
-    [
-        ({}, {"pulses": 4}, "pulses needs p_d"),
-        ({}, {"p_d": 1.7e-4}, "p_d must be above 0.0007715, P_D without a signal; got 0.00017"),
-        ({"radar__detector": "marcum"}, {"p_d": 1.7e-4},
-         "p_d must be above 0.00017, P_D without a signal; got 0.00017"),
-        ({"radar__detector": {"model": "swerling1", "cfar":
-          {"type": "ordered_statistics", "cells": 24, "rank": 18}}}, {"p_d": 0.9, "pulses": 4},
-         "cfar ordered_statistics is for swerling1 and swerling2 with one pulse"),
-    ],
-)  # fmt: skip
-def test_refused(changes, options, problem):
-    s = scenario(geometry__azimuth_deg=ONE_POSE, **changes)
-    with pytest.raises(InputError, match=problem.replace("(", r"\(")):
-        rs.analyses.detectors(s, **options)
-
-
-@pytest.mark.parametrize(
-    ("args", "problem"),
-    [
-        (["network.yaml", "--p-d", "0.9"], "p_d needs one radar: search, ridge or mobile"),
-        (["surveillance.yaml", "--p-d", "0.9", "--pulses", "2"],
-         "pulses must be 1 with surveillance, a pulse a scan; got 2"),
-    ],
-)  # fmt: skip
-def test_refused_in_one_line(tool, args, problem):
-    config, *options = args
-    assert problem in one_line(tool, "detectors", str(ROOT / "configs" / config), *options)
-    assert not Path("figures").exists()
 
 
 class Own:

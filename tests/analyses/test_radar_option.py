@@ -9,7 +9,6 @@ import pytest
 import yaml
 from helpers import (
     assert_refused,
-    few_draws,
     mixed_document,
     mixed_network,
     mixed_radars,
@@ -70,35 +69,6 @@ def test_one_radar_by_itself(tool, command, monkeypatch):
     tool(command, "my.yaml", *options, "out")
     assert (Path("out") / f"paper_{command}.json").exists()
     assert (Path("out") / f"paper_{command}{table.suffix}").read_bytes() != table.read_bytes()
-
-
-def test_a_mission_of_one_radar(tool, monkeypatch):
-    few_draws(monkeypatch)
-    header = "time_s,north_m,east_m,down_m"
-    rows = [f"{10 * i},60e3,{35 - i}e3,-3000" for i in range(5)]
-    Path("route.csv").write_text("\n".join([header, *rows, ""]))
-    content = mixed_document(geometry={"type": "path", "file": "route.csv"})
-    del content["aircraft"]["attitude_deg"]
-    for entry, period in zip(content["radars"], (10, 5, 20), strict=True):
-        entry["scan_period_s"] = period
-    write(yaml_text(content))
-    for name, looks in (("a", 5), ("b", 9), ("c", 3)):
-        code, _, err = tool("mission", "my.yaml", "--radar", name, "--no-plot", "--out", "out")
-        assert code == 0, err
-        table = Path(f"out/paper_{name}_mission.csv").read_text().splitlines()
-        assert len(table) == 1 + looks
-
-
-@pytest.mark.parametrize("command", [*COMMANDS, "mission"])
-def test_a_radar_that_does_not_exist(tool, command):
-    write(yaml_text(mixed_document(sweep=POSE)))
-    code, out, err = tool(command, "my.yaml", "--radar", "bb", "--out", "new")
-    assert_refused(code, out, err)
-    assert "radar must be one of a, b, c, got 'bb'; did you mean 'b'?" in err
-    code, out, err = tool(command, "--radar", "a", "--out", "new")
-    assert_refused(code, out, err)
-    assert "radar 'a' cannot be chosen: this scenario has a single radar, not a network" in err
-    assert not Path("new").exists()
 
 
 def test_for_radar_is_the_scenario_of_one_radar_with_its_name():

@@ -99,19 +99,3 @@ def test_the_route_of_any_name(tool, stem):
     assert Path(f"{stem}_route.csv").is_file()
     assert yaml.safe_load(Path(f"{stem}.yaml").read_text(encoding="utf-8"))
     assert tool("check", "--", f"{stem}.yaml").code == 0
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (["--route", "--network"], "exclude each other"),
-        (["--route", "--from", "paper"], "exclude each other"),
-        (["--route", "-"], "give a name"),
-        (["--from", "paperr"], "did you mean 'paper'?"),
-    ],
-)
-def test_refusals(tool, args, words):
-    code, out, err = tool("init", *args)
-    assert (code, out) == (2, "")
-    assert words in err
-    assert contents() == {}

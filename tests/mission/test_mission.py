@@ -11,10 +11,7 @@ import pytest
 import yaml
 from helpers import (
     few_draws,
-    lay_out,
-    legend_off_data,
     mission,
-    one_line,
     read_record,
     read_table,
     scenario,
@@ -25,11 +22,9 @@ from helpers import (
 import radar_sense as rs
 from radar_sense.errors import InputError
 from radar_sense.mission.looks import Looks
-from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.propagation import propagate_scenario
 from radar_sense.words import probability
 
-ROOT = Path(__file__).parents[2]
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 #: Past the radar, with a yaw that goes through 180 degrees.
@@ -133,22 +128,6 @@ def test_looks_of_a_scan(tmp_path, text):
     for i in range(6):
         expected = np.interp(time, s.time_s, s.cov_aircraft[:, i, i])
         np.testing.assert_allclose(looks.cov_aircraft[:, i, i], expected, rtol=1e-12)
-
-
-def test_looks_between_places_keep_their_altitude(tmp_path):
-    # a straight line between them is a tunnel, 8 km deep in its middle
-    text = "time_s,latitude_deg,longitude_deg,altitude_m\n0,47,4,9e3\n2400,47,12,9e3\n"
-    place = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 0}
-    s = load(
-        tmp_path,
-        text,
-        geometry__origin=place,
-        radar__scan_period_s=600,
-        radar__position_m=[-50e3, 0, 0],
-    )
-    position = looks_of(s).aircraft[:, :3]
-    altitude = geodetic_from_ned(position, (math.radians(47), math.radians(8), 0.0))[:, 2]
-    np.testing.assert_allclose(altitude, 9e3, rtol=0, atol=1e-3)
 
 
 def test_a_scan_longer_than_the_path_is_one_look(tmp_path):
@@ -286,23 +265,6 @@ def test_report(tool):
     ).out  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--m 3", "m and n belong together"),
-        ("--n 3", "m and n belong together"),
-        ("--m 3 --n 2", "m not greater than n"),
-        ("--method form", "mission has no option --method"),
-        ("--track 3", "--track"),
-        ("--track 3 2", "m not greater than n"),
-        ("--track 2 3 --m 2 --n 3", "give either track or m and n"),
-    ],
-)
-def test_options_that_are_refused(tool, options, words):
-    assert words in one_line(tool, "mission", write(Path()), *options.split())
-    assert not Path("figures").exists()
-
-
 def test_track_is_m_and_n(tool):
     file = write(Path(), radar__scan_period_s=50)
     one = tool("mission", file, "--track", 2, 3, "--no-plot", "--out", "one")
@@ -330,17 +292,6 @@ def test_a_flight_straight_above_a_radar_has_bounds(tool):
     assert tool("mission", write(Path(), over, radar__scan_period_s=10), "--no-plot").err == ""
     found = read_table("figures/flight_mission.csv")
     assert all(np.isfinite(column).all() for column in found.values())
-
-
-@pytest.mark.parametrize(("runs", "m_of_n", "period"), [(20, (2, 3), None), (None, None, 5)])
-def test_layout(tmp_path, runs, m_of_n, period):
-    changes = {} if period is None else {"radar__scan_period_s": period}
-    figure = lay_out(mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n).plot())
-    assert len(figure.axes) == (2 if m_of_n is None else 3)
-    legend_off_data(figure)
-    for axes in figure.axes:
-        assert axes.get_ylabel()
-    assert "Time" in figure.axes[-1].get_xlabel()
 
 
 @pytest.mark.parametrize("step", [300, 450, 1e4])

@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from scipy.stats import binom
 
 import radar_sense as rs
-from radar_sense.errors import ComputationError, InputError
+from radar_sense.errors import ComputationError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
 from radar_sense.montecarlo import montecarlo
@@ -213,17 +213,6 @@ def test_seed_makes_the_draws_and_zero_is_a_seed():
     assert not np.array_equal(huge.sample_paths, zero.sample_paths)
 
 
-def test_sample_paths_are_a_subset_of_many_runs():
-    s = scenario(geometry__azimuth_deg=FEW)
-    mc = monte_carlo(s, runs=MAX_SAMPLE_PATHS + 50)
-    assert mc.sample_paths.shape == (MAX_SAMPLE_PATHS, len(s.aircraft))
-    few = monte_carlo(s, runs=64)
-    np.testing.assert_allclose(few.mean, few.sample_paths.mean(axis=0), rtol=1e-13)
-    np.testing.assert_allclose(few.std, few.sample_paths.std(axis=0, ddof=1), rtol=1e-11)
-    inside = abs(few.sample_paths - few.band.p_d) <= 3 * few.band.std
-    np.testing.assert_array_equal(few.inside, inside.sum(axis=0))
-
-
 @pytest.mark.parametrize("workers", [1, 3])
 def test_statistics_are_those_of_all_draws(monkeypatch, workers):
     """The last block is not full; and constants are set to zero."""
@@ -290,26 +279,6 @@ def test_a_scenario_of_arrays_has_the_bytes_of_the_file():
     one = monte_carlo(made.at_poses(slice(7, 8)), runs=40)
     assert one.mean.shape == (1,)
     assert repr(one).startswith("MonteCarlo(40 runs of 1 poses, seed 1, random: ")
-
-
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"runs": 1}, "runs must be a whole number not less than 2"),
-        ({"seed": -1}, "seed must be"),
-        ({"sampler": "sobbol"}, "did you mean 'sobol'"),
-        ({"method": "liner"}, "did you mean 'linear'"),
-    ],
-)
-def test_wrong_options_are_refused(wrong, says):
-    with pytest.raises(ValueError, match=says):
-        monte_carlo(scenario(geometry__azimuth_deg=FEW), **wrong)
-
-
-def test_more_than_fits_into_memory_is_refused_before_anything_is_computed(monkeypatch):
-    monkeypatch.setattr(montecarlo, "propagate_scenario", None)
-    with pytest.raises(InputError, match=r"1,000,000,000 runs of 361 poses .* at most .* fit"):
-        monte_carlo(load_scenario(), runs=10**9)
 
 
 def test_running_out_of_memory_or_threads_says_what_to_reduce(monkeypatch):

@@ -1,0 +1,105 @@
+"""Options that do not fit each other or the scenario are refused in one line, and write nothing.
+
+`analyses/test_options.py` has each option by itself, with values of another type or size.
+"""
+
+import shlex
+from pathlib import Path
+
+import pytest
+from helpers import one_line
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+#: What one line refuses, by command. A file is one of `configs`.
+REFUSED = {
+    # words, and numbers as people write them
+    "varience": "varience",
+    "variance --method FORM": "method must be one of linear, probit, form",
+    "sensitivity --method ''": "method must be one of linear, probit, form",
+    "montecarlo --method draws": "method must be one of linear, probit, form",
+    "budget --method linaer": "did you mean 'linear'",
+    "range --method fom": "method must be one of",
+    "range --by aspects": "did you mean 'aspect'",
+    "map --upper --method frm": "did you mean 'form'",
+    "variance --threshold=0,1": "'--threshold': must be a number",
+    "variance --threshold 0,1": "got '0,1'; write 0.1 for 0,1",
+    "variance --threshold 10%": "got '10%'; write 0.1 for 10%",
+    "range --down-km=-3km": "got '-3km'; leave out the unit, it is in the name",
+    "budget --at 10:00:30": "got '10:00:30'; write seconds, 36030 for 10:00:30",
+    "variance --level low --k 3 --level high": "Error: --level is given twice; give it once\n",
+    "montecarlo --level medum": "low, medium, high, got 'medum'; did you mean 'medium'?",
+    "montecarlo --level ''": "low, medium, high, got ''",
+    "montecarlo --runs 1": "got '1'",
+    "montecarlo --runs 2.5": "got '2.5'",
+    "montecarlo --runs inf": "got 'inf'",
+    "montecarlo --seed ²": "got '²'",
+    "montecarlo --seed ''": "got ''",
+    "montecarlo --workers 0": "--workers",
+    "montecarlo --workers 1000000": "--workers",
+    "montecarlo --format bogus": "'png', 'pdf', 'svg'",
+    "montecarlo --format": "--format",
+    "montecarlo --no-plto": "--no-plot",
+    "montecarlo one.yaml two.yaml": "two.yaml",
+    "convergence --runs 1e6": "runs",
+    "convergence --sampler sobol": "--sampler",
+    "mission --method form": "mission has no option --method",
+    "sweep radar.constant 5": "sweep needs [CONFIG] KEY START STOP STEP, got radar.constant 5\n",
+    "sweep radar.constant a 5 1": "Error: START must be a number, got 'a'\n",
+    "sweep radar.constant 1 5 1 --stepp 3": "--stepp",
+    "init --from paperr": "did you mean 'paper'?",
+    # options that need or exclude each other
+    "variance --probability 0.05": "Error: probability needs threshold\n",
+    "budget --probability 0.05": "Error: probability needs threshold\n",
+    "report --probability 0.05": "Error: probability needs threshold\n",
+    "sweep radar.constant 1 2 1 --probability 0.05": "Error: probability needs threshold\n",
+    "variance --threshold 0.6 --probability 0.05 --k 2": "k and probability exclude each other",
+    "budget --threshold 0.6 --probability 0.05 --k 2": "k and probability exclude each other",
+    "report --threshold 0.6 --probability 0.05 --k 2": "k and probability exclude each other",
+    "budget --k 2": "k needs threshold",
+    "budget --target 0.1 --threshold 0.5": "exclude each other; give one",
+    "budget --target 0.1 --k 2": "k needs threshold",
+    "budget --method montecarlo --threshold 0.5": "threshold needs one of the methods",
+    "budget --method montecarlo --target 0.05": "target needs one of the methods",
+    "budget --threshold 0.5 --k 11": "not greater than 10",
+    "map --k 2": "Error: k is for the upper bound: it needs upper\n",
+    "map --worst-heading --upper": "worst_heading and upper exclude each other",
+    "map --worst-heading --course-deg 3": "give one of them",
+    "map --upper --method montecarlo": "must be one of linear, probit, form, automatic here",
+    "range --by aspect --course-deg 10": "use one of them",
+    "range --p-d 0.5 --p-d 0.5": "each once",
+    "detectors --pulses 4": "pulses needs p_d",
+    "detectors network.yaml --p-d 0.9": "p_d needs one radar: search, ridge or mobile",
+    "mission mission.yaml --m 3": "m and n belong together",
+    "mission mission.yaml --n 3": "m and n belong together",
+    "mission mission.yaml --m 3 --n 2": "m not greater than n",
+    "mission mission.yaml --track 3": "--track",
+    "mission mission.yaml --track 3 2": "m not greater than n",
+    "mission mission.yaml --track 2 3 --m 2 --n 3": "give either track or m and n",
+    "init --route --network": "exclude each other",
+    "init --route --from paper": "exclude each other",
+    "init --route -": "give a name",
+    # what the scenario or the area does not allow
+    "range --p-d 1e-5": "greater than p_fa",
+    "detectors --p-d 1.7e-4": "p_d must be above 0.0007715, P_D without a signal; got 0.00017",
+    "detectors --set radar.detector=marcum --p-d 1.7e-4": "p_d must be above 0.00017, P_D without",
+    "detectors surveillance.yaml --p-d 0.9 --pulses 2": "pulses must be 1 with surveillance, a pul",
+    "map --north-km 5 1": "lesser to a greater",
+    "map --east-km 1e9 2e9": "--east-km",
+    "map --step-km 0.001": "allowed are 25,000,000",
+    "map --step-km 5000": "longer than a side",
+    "map --north-km -1e-9 1e-9 --east-km -1e-9 1e-9": "step must be",
+    "sweep radar.constnt 100 200 50": "unknown key 'constnt'",
+    "sweep radar.constant 0 200 50": "--set radar.constant=0: radar.constant: must be",
+    "sweep radar.constant 100 200 0": "step must be a step other than 0 that leads from 100 to 200",
+    "sweep radar.constant 100 200 0.01": "step makes 10,001 values, allowed are 1,000",
+    "variance --radar a": "radar 'a' cannot be chosen: this scenario has a single radar, not a net",
+    "variance corridor.yaml --radar nort": "got 'nort'; did you mean 'north'?",
+}
+
+
+@pytest.mark.parametrize("line", REFUSED)
+def test_refused(tool, line):
+    words = [str(CONFIGS / w) if (CONFIGS / w).is_file() else w for w in shlex.split(line)]
+    assert REFUSED[line] in one_line(tool, *words)
+    assert not list(Path().iterdir())
