@@ -1,4 +1,4 @@
-"""What a new key, command and warning cost, each really added to a copy of the package.
+"""What a new key, command and warning cost, all really added to a copy of the package.
 
 The test reads in the copy what a user would: command line, record, schema and reference. It counts
 the files and the lines that differ.
@@ -81,14 +81,32 @@ WARNING = {
 CHECKS = "(_speed, _height, _range", "(_speed, _pitch, _height, _range"
 
 
-@pytest.fixture
-def copy(tmp_path):
-    """Return a copy of the package, with what its documentation is made from."""
-    for folder in ("radar_sense", "configs"):
-        shutil.copytree(ROOT / folder, tmp_path / folder)
-    (tmp_path / "docs").mkdir()
-    shutil.copy(ROOT / "docs/make_reference.py", tmp_path / "docs")
-    return tmp_path
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory):
+    """Return a copy of the package with the additions, and what its documentation is made from."""
+    folder = tmp_path_factory.mktemp("copy")
+    for name in ("radar_sense", "configs"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "docs").mkdir()
+    shutil.copy(ROOT / "docs/make_reference.py", folder / "docs")
+    for name, (old, new) in KEY.items():
+        edit(folder, name, old, new if old == OLD_MIN_RANGE else old + new)
+    (folder / "radar_sense/analyses/closest.py").write_text(CLOSEST)
+    for name, (old, new) in WARNING.items():
+        edit(folder, name, old, new + old)
+    edit(folder, "plausibility.py", *CHECKS)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def outcomes(copy):
+    """Return what `LINES` end with, all in one process: exit codes and outputs."""
+    write(copy, radar__deaf_us=4000)  # 600 km
+    write(copy, "negative.yaml", radar__deaf_us=-1)
+    write(copy, "misspelt.yaml", radar__def_us=1)
+    write(copy, "steep.yaml", aircraft__attitude_deg=[0, 70, 0])
+    write(copy, "level.yaml")
+    return dict(zip(LINES, run(copy, *LINES), strict=True))
 
 
 def edit(copy, name, old, new):
@@ -145,22 +163,39 @@ def write(copy, name="my.yaml", **changes):
     (copy / name).write_text(yaml.safe_dump(document(**changes)))
 
 
-def test_a_key_costs_a_line_and_one_where_it_becomes_si(copy):
-    for name, (old, new) in KEY.items():
-        edit(copy, name, old, new if old == OLD_MIN_RANGE else old + new)
-    assert cost(copy) == {"scenario_file/sections.py": 1, "scenario_file/build_radar.py": 1}
-    write(copy, radar__deaf_us=4000)  # 600 km
-    write(copy, "negative.yaml", radar__deaf_us=-1)
-    write(copy, "misspelt.yaml", radar__def_us=1)
-    checked, found, negative, misspelt, schema, reference = run(
-        copy,
-        ("check", "my.yaml"),
-        ("variance", "my.yaml", "--method", "linear", "--no-plot"),
-        ("check", "negative.yaml"),
-        ("check", "misspelt.yaml"),
-        ("schema",),
-        "make_reference.scenario_page()",
-    )
+LINES = (
+    ("check", "my.yaml"),
+    ("variance", "my.yaml", "--method", "linear", "--no-plot"),
+    ("check", "negative.yaml"),
+    ("check", "misspelt.yaml"),
+    ("schema",),
+    "make_reference.scenario_page()",
+    ("--help",),
+    ("closest", "--help"),
+    ("closest", "configs/network.yaml", "--format", "svg"),
+    "rs.analyses.closest(rs.load_scenario()).report",
+    ("check", "steep.yaml"),
+    ("check", "level.yaml"),
+    "make_reference.warnings_section()",
+)
+
+
+def test_what_additions_cost(copy):
+    """A key costs a line and one where it becomes SI, a command with its figure costs a file, and a
+    warning costs a mask and a sentence.
+    """
+    lines = cost(copy)
+    assert lines.pop("analyses/closest.py") < 30
+    assert lines == {
+        "scenario_file/sections.py": 1,
+        "scenario_file/build_radar.py": 1,
+        "words.py": 1,
+        "plausibility.py": 4,
+    }
+
+
+def test_a_key(copy, outcomes):
+    checked, found, negative, misspelt, schema, reference = (outcomes[line] for line in LINES[:6])
     assert [code for code, _ in (checked, found, negative, misspelt)] == [0, 0, 2, 2]
     assert "deaf_us: 4000\n" in checked[1]
     assert "no radar sees the aircraft anywhere" in found[1]
@@ -174,17 +209,8 @@ def test_a_key_costs_a_line_and_one_where_it_becomes_si(copy):
     assert row in reference[1]
 
 
-def test_a_command_with_its_figure_costs_a_file(copy):
-    (copy / "radar_sense/analyses/closest.py").write_text(CLOSEST)
-    assert list(cost(copy)) == ["analyses/closest.py"]
-    assert cost(copy)["analyses/closest.py"] < 30
-    commands, options, found, python = run(
-        copy,
-        ("--help",),
-        ("closest", "--help"),
-        ("closest", "configs/network.yaml", "--format", "svg"),
-        "rs.analyses.closest(rs.load_scenario()).report",
-    )
+def test_a_command(copy, outcomes):
+    commands, options, found, python = (outcomes[line] for line in LINES[6:10])
     assert "closest      How close the aircraft comes to each radar." in commands[1]
     assert ONE_RADAR.help in options[1]
     assert found[1].startswith("search: ")
@@ -195,16 +221,8 @@ def test_a_command_with_its_figure_costs_a_file(copy):
     assert (copy / "figures/network_closest.svg").read_text().startswith("<?xml")
 
 
-def test_a_warning_costs_a_mask_and_a_sentence(copy):
-    for name, (old, new) in WARNING.items():
-        edit(copy, name, old, new + old)
-    edit(copy, "plausibility.py", *CHECKS)
-    assert cost(copy) == {"words.py": 1, "plausibility.py": 4}
-    write(copy, aircraft__attitude_deg=[0, 70, 0])
-    write(copy, "level.yaml")
-    steep, level, reference = run(
-        copy, ("check", "my.yaml"), ("check", "level.yaml"), "make_reference.warnings_section()"
-    )
+def test_a_warning(outcomes):
+    steep, level, reference = (outcomes[line] for line in LINES[10:])
     assert "Warning: the aircraft climbs steeply at all 361 poses [steep]\n" in steep[1]
     assert (level[0], "[steep]" in level[1]) == (0, False)
     sentence = "The aircraft looks up by more than 60 deg: is down positive downwards?"
