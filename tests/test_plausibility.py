@@ -65,17 +65,6 @@ def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
     )
 
 
-def test_a_radar_that_sees_no_pose():
-    (warning,) = plausibility_warnings(scenario(radar__max_range_km=100))
-    assert warning.startswith("no radar sees the aircraft anywhere: see max_range_km")
-
-
-def test_far_away():
-    (warning,) = plausibility_warnings(scenario(geometry__range_km=5100, radar__constant=1e6))
-    assert warning.startswith("the aircraft is up to 5100 km from the radar: are positions")
-    assert plausibility_warnings(scenario(geometry__range_km=4900, radar__constant=1e6)) == ()
-
-
 def test_below_the_ground(tmp_path):
     (warning,) = plausibility_warnings(scenario(geometry__down_km=3))
     assert "3000 m below the origin and below every radar at all 361 poses" in warning
@@ -87,33 +76,55 @@ def test_below_the_ground(tmp_path):
     assert any("700 m below the ellipsoid" in w for w in of_route(tmp_path, text, geometry=path))
 
 
-def test_metres_for_kilometres():
-    (warning,) = plausibility_warnings(
-        scenario(geometry__down_km=-3000, radar__constant=1e6, uncertainty__aircraft__position_m=1)
-    )
-    assert warning == (
-        "the aircraft is up to 3000 km above the origin: is the height in its unit? [too-high]"
-    )
-
-
-def test_a_height_known_worse_than_itself():
-    (warning,) = plausibility_warnings(scenario(uncertainty__aircraft__position_m=3001))
-    assert warning == (
+STRONG = {"radar__constant": 1e6}
+CERTAIN = {"uncertainty__radar__medium__constant": 0}
+#: An implausible scenario, its only warning, and one that is still plausible.
+IMPLAUSIBLE = [
+    (
+        {"radar__max_range_km": 100},
+        "no radar sees the aircraft anywhere: see max_range_km",
+        {},
+    ),
+    (
+        {"geometry__range_km": 5100, **STRONG},
+        "the aircraft is up to 5100 km from the radar: are positions",
+        {"geometry__range_km": 4900, **STRONG},
+    ),
+    (
+        {"geometry__down_km": -3000, "uncertainty__aircraft__position_m": 1, **STRONG},
+        "the aircraft is up to 3000 km above the origin: is the height in its unit? [too-high]",
+        {},
+    ),
+    (
+        {"uncertainty__aircraft__position_m": 3001},
         "sigma of the height, 3001 m, is above the height at all poses, 3000 m above the origin at "
-        "most: are both in their units? [uncertainty-large]"
-    )
-    assert plausibility_warnings(scenario(uncertainty__aircraft__position_m=2999)) == ()
-
-
-def test_a_radar_constant_known_worse_than_itself():
-    (warning,) = plausibility_warnings(scenario(uncertainty__radar__medium__constant=168))
-    assert warning == (
+        "most: are both in their units? [uncertainty-large]",
+        {"uncertainty__aircraft__position_m": 2999},
+    ),
+    (
+        {"uncertainty__radar__medium__constant": 168},
         "sigma of c_r, 168, is above c_r itself, 167, at the level medium: are both in the same "
-        "unit? [uncertainty-large]"
-    )
-    assert plausibility_warnings(scenario(uncertainty__radar__medium__constant=166)) == ()
-    # of the level in use only
-    assert plausibility_warnings(scenario(uncertainty__radar__high__constant=168)) == ()
+        "unit? [uncertainty-large]",
+        {"uncertainty__radar__medium__constant": 166},
+    ),
+    (  # of the level in use only
+        {"uncertainty__radar__medium__constant": 168},
+        "sigma of c_r, 168, is above c_r itself",
+        {"uncertainty__radar__high__constant": 168},
+    ),
+    (  # P_D above its floor by 1e-4 of it is no reason
+        {"radar__constant": 1e-12, **CERTAIN},
+        "P_D is at its floor at all poses, 0.00",
+        {"radar__constant": 0.01, **CERTAIN},
+    ),
+]
+
+
+@pytest.mark.parametrize(("implausible", "says", "plausible"), IMPLAUSIBLE)
+def test_numbers_in_another_unit_are_warned_of(implausible, says, plausible):
+    (warning,) = plausibility_warnings(scenario(**implausible))
+    assert warning.startswith(says)
+    assert plausibility_warnings(scenario(**plausible)) == ()
 
 
 @pytest.mark.parametrize(
@@ -137,14 +148,6 @@ def test_a_step_longer_than_the_route(tmp_path):
     )
     path["interpolate"] = {"step_s": 40}
     assert of_route(tmp_path, ROUTE, geometry=path) == ()
-
-
-def test_no_signal_at_all():
-    known = {"uncertainty__radar__medium__constant": 0}
-    (warning,) = plausibility_warnings(scenario(radar__constant=1e-12, **known))
-    assert warning.startswith("P_D is at its floor at all poses, 0.00")
-    weak = scenario(radar__constant=0.01, **known)  # P_D above its floor by 1e-4 of it
-    assert plausibility_warnings(weak) == ()
 
 
 def test_rows_far_apart(tmp_path):
