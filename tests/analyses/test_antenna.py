@@ -51,28 +51,16 @@ def made(folder, **changes):
     return load_scenario(folder / "my.yaml")
 
 
+def curve(x, elevation, gain_db):
+    """SciPy's monotone cubic, flat beyond the first node and the last."""
+    first, *_, last = elevation
+    nodes = np.array([2 * first - elevation[1], *elevation, 2 * last - elevation[-2]])
+    return PchipInterpolator(nodes, np.pad(gain_db, 1, mode="edge"))(np.clip(x, first, last))
+
+
 def cubic(x, nodes):
-    """Fritsch and Carlson's curve by Fritsch and Butland's slopes, in plain Python; flat beyond."""
-    step = [nodes[0][0] - (nodes[1][0] - nodes[0][0]), nodes[-1][0] + nodes[-1][0] - nodes[-2][0]]
-    nodes = [(step[0], nodes[0][1]), *nodes, (step[1], nodes[-1][1])]
-    x = min(max(x, nodes[1][0]), nodes[-2][0])
-    h = [b[0] - a[0] for a, b in itertools.pairwise(nodes)]
-    d = [(b[1] - a[1]) / s for a, b, s in zip(nodes, nodes[1:], h, strict=False)]
-    slopes = [0.0]
-    for i in range(1, len(d)):
-        if d[i - 1] * d[i] <= 0:
-            slopes.append(0.0)
-            continue
-        one, two = 2 * h[i] + h[i - 1], h[i] + 2 * h[i - 1]
-        slopes.append((one + two) / (one / d[i - 1] + two / d[i]))
-    i = max(i for i in range(1, len(nodes) - 2) if nodes[i][0] <= x)
-    t = (x - nodes[i][0]) / h[i]
-    return (
-        (1 + 2 * t) * (1 - t) ** 2 * nodes[i][1]
-        + t * (1 - t) ** 2 * h[i] * slopes[i]
-        + t * t * (3 - 2 * t) * nodes[i + 1][1]
-        + t * t * (t - 1) * h[i] * slopes[i + 1]
-    )
+    """The gain [dB] at an elevation."""
+    return float(curve(x, *np.array(nodes, dtype=float).T))
 
 
 def p_d_at(place, *, constant=C_R, tilt_deg=0.0, gain=GAIN):
@@ -417,12 +405,7 @@ def own_draws(scenario, rng, runs):
         north, east, down = (aircraft - state[:, :3]).T
         across, tilt = np.hypot(north, east), gain.tilt + level.tilt_std * rng.standard_normal(runs)
         elevation = np.arctan2(-down, across)
-        nodes = np.concatenate(
-            [gain.elevation[:1] * 2 - gain.elevation[1:2], gain.elevation,
-             gain.elevation[-1:] * 2 - gain.elevation[-2:-1]]
-        )  # fmt: skip
-        curve = PchipInterpolator(nodes, np.pad(gain.gain_db, 1, mode="edge"))
-        decibels = curve(np.clip(elevation - tilt, gain.elevation[0], gain.elevation[-1]))
+        decibels = curve(elevation - tilt, gain.elevation, gain.gain_db)
         snr = np.maximum(state[:, 3], 0) * AREA / (Boltzmann * (across**2 + down**2) ** 2)
         snr = snr * 10 ** (2 * decibels / 10)
         p_d = 0.5 * erfc(math.sqrt(-math.log(P_FA)) - np.sqrt(snr + 0.5))

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import oracle
 import pytest
-from scipy.spatial.transform import Rotation, Slerp
 from scipy.special import ndtr
 from studies.bands import judging, model, package, paths, truth
 from studies.bands.populations import POPULATIONS, problem
@@ -143,14 +142,3 @@ def test_a_route_that_passes_by_is_not_seen():
     for number in range(len(paths.PASSING)):
         path = paths.passing(SEED, number)
         assert path.peak <= 0.1 * path.threshold
-
-
-def test_attitudes_turn_about_one_axis_at_a_constant_rate():
-    rows = np.array([[0, 0, 0, 0.2, -0.1, 3.0], [90, 0, -9, -0.3, 0.4, -2.2]], dtype=float)
-    at = np.array([0.0, 1.0, 4.5, 9.0])
-    states = paths.along(np.array([0.0, 9.0]), rows, at)
-    rotations = Rotation.from_euler("ZYX", rows[:, :2:-1])
-    expected = Slerp([0, 9], rotations)(at)
-    found = Rotation.from_euler("ZYX", states[:, :2:-1])
-    assert (found * expected.inv()).magnitude() == pytest.approx(np.zeros(4), abs=1e-12)
-    np.testing.assert_allclose(states[:, 0], 10 * at)

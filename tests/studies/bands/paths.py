@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import count, pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from .model import EFFECTIVE_RADIUS, Oracle, Problem, Radar
 from .populations import DEG, DETECTORS, diagonal, nominal_aspect, random_rcs, snr_for, with_snr
@@ -80,42 +80,11 @@ def along(time_s, aircraft, at):
     for i in range(3):
         states[:, i] = np.interp(at, time_s, aircraft[:, i])
     leg = np.clip(np.searchsorted(time_s, at, side="right") - 1, 0, len(time_s) - 2)
-    for i, (before, after) in enumerate(pairwise(body_to_ned(row[3:]) for row in aircraft)):
+    for i, two in enumerate(pairwise(Rotation.from_euler("ZYX", aircraft[:, :2:-1]))):
         here = leg == i
-        part = (at[here] - time_s[i]) / (time_s[i + 1] - time_s[i])
-        turn = Rotation.from_matrix(before.T @ after).as_rotvec()
-        angle, axis = np.linalg.norm(turn), turn / max(np.linalg.norm(turn), 1e-300)
-        states[here, 3:] = euler(before @ rodrigues(part * angle, axis))
+        turning = Slerp(time_s[i : i + 2], Rotation.concatenate(two))
+        states[here, 3:] = turning(at[here]).as_euler("ZYX")[:, ::-1]
     return states
-
-
-def body_to_ned(attitude):
-    """Return the matrix from body to north-east-down by roll, pitch and yaw (3,)."""
-    roll, pitch, yaw = attitude
-
-    def turn(angle, i, j):
-        matrix = np.eye(3)
-        matrix[[i, j], [i, j]] = np.cos(angle)
-        matrix[i, j], matrix[j, i] = -np.sin(angle), np.sin(angle)
-        return matrix
-
-    return turn(yaw, 0, 1) @ turn(pitch, 2, 0) @ turn(roll, 1, 2)
-
-
-def rodrigues(angle, axis):
-    """Return the rotations (k, 3, 3) by angles (k,) about an axis (3,)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    sin, cos = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.eye(3) + sin * cross + (1 - cos) * (cross @ cross)
-
-
-def euler(matrix):
-    """Return roll, pitch and yaw (k, 3) of matrices from body to north-east-down (k, 3, 3)."""
-    roll = np.arctan2(matrix[:, 2, 1], matrix[:, 2, 2])
-    pitch = np.arcsin(np.clip(-matrix[:, 2, 0], -1, 1))
-    yaw = np.arctan2(matrix[:, 1, 0], matrix[:, 0, 0])
-    return np.stack([roll, pitch, yaw], axis=-1)
 
 
 def sampled(problem, time_s, aircraft, step=STEP):
