@@ -40,11 +40,6 @@ def test_the_output_shown_is_printed(tmp_path, monkeypatch):
     assert warnings == result.stderr.splitlines()
 
 
-def test_files_linked_exist():
-    for target in re.findall(r"\]\(([^)#:]+)\)", README):
-        assert (ROOT / target).exists(), target
-
-
 def test_every_command_is_named():
     for command in cli.list_commands(None):
         assert f"radar-sense {command}" in README or f"| `{command}` |" in README
