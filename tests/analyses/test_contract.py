@@ -27,7 +27,6 @@ from radar_sense import cli as command_line
 from radar_sense import words
 from radar_sense.command import Result
 from radar_sense.limits import POSITIVE, parameter
-from radar_sense.model.detectors import DETECTORS, North
 from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
 from radar_sense.propagation import METHODS
 from radar_sense.propagation.linear import Linear
@@ -57,19 +56,19 @@ def read_config(name):
 
 
 def documents(name: str):
-    """Yield the documents of a small scenario of one radar and of a network."""
+    """Yield the documents of a small scenario of a network and of one radar."""
     network = document(read_config("network"), geometry__azimuth_deg__step=60)
     if name != "mission":
-        yield document(geometry__azimuth_deg=FEW)
         yield network
+        yield document(geometry__azimuth_deg=FEW)
         return
     route = str(ROOT / "configs/path_route.csv")
     one = document(read_config("mission"), geometry__file=route, radar__scan_period_s=60)
-    yield one
     for radar, period in zip(network["radars"], (60, 60, 90), strict=True):
         radar["scan_period_s"] = period
     del network["aircraft"]["attitude_deg"]
     yield network | {"geometry": one["geometry"], "uncertainty": {}}
+    yield one
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -82,7 +81,7 @@ def test_every_analysis_keeps_the_contract(name, tool, monkeypatch):
     for number, content in enumerate(documents(name)):
         Path("my.yaml").write_text(yaml_text(content), encoding="utf-8")
         s = rs.load_scenario("my.yaml")
-        assert len(s.model.radars) == (1, 3)[number]
+        assert len(s.model.radars) == (3, 1)[number]
         result = ALL[name](s, **SHORT.get(name, {}))
         assert isinstance(result, Result)
         columns = [column for column in result.table.values() if column.ndim == 1]
@@ -167,32 +166,6 @@ def test_a_new_rcs_model(tool, monkeypatch):
     whole = rs.analyses.variance(scenario(geometry__azimuth_deg=FEW))
     ratio = half.table["rcs_m2"] / whole.table["rcs_m2"]
     np.testing.assert_allclose(ratio, 0.5)
-
-
-def test_a_new_detector(tool, monkeypatch):
-    class Shifted(North):
-        """North's approximation for twice the signal."""
-
-        def linearize_probit(self, snr, p_fa):
-            value, slope = super().linearize_probit(2.0 * snr, p_fa)
-            return value, 2.0 * slope
-
-        def p_d(self, snr, p_fa):
-            return super().p_d(2.0 * snr, p_fa)
-
-    monkeypatch.setitem(DETECTORS, "shifted", Shifted)
-    text = json.dumps(document(radar__detector="shifted", geometry__azimuth_deg=FEW))
-    Path("my.yaml").write_text(text, encoding="utf-8")
-    for command in ("budget", "map --step-km 200 --upper --method form", "variance --method form"):
-        assert tool(*command.split(), "my.yaml", "--no-plot").code == 0
-    shifted = rs.load_scenario("my.yaml")
-    assert shifted.resolved()["radar"]["detector"] == "shifted"
-    stronger = scenario(radar__constant=2 * 167, geometry__azimuth_deg=FEW)
-    np.testing.assert_allclose(
-        rs.analyses.variance(shifted).table["p_d"],
-        rs.analyses.variance(stronger).table["p_d"],
-        rtol=1e-13,
-    )
 
 
 def test_a_new_method_of_propagation(tool, monkeypatch):
