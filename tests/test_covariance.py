@@ -51,6 +51,9 @@ def test_a_component_without_variance_stays_certain():
         ([[1, 0.5], [0.4, 1]], "not symmetric: entry [1][2] is 0.5, [2][1] is 0.4"),
         ([[1, 1.01], [1.01, 1]], "not positive semidefinite"),
         ([[1, 0.1], [0.1, 0]], "without variance"),
+        ([[0, 1e-12], [1e-12, 1]], "without variance"),
+        # small numbers are no excuse: a correlation of 1.0001 between deviations of a micrometre
+        ([[1e-12, 1.0001e-12], [1.0001e-12, 1e-12]], "not positive semidefinite"),
         # each pair is possible, the three together are not
         ([[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], "not positive semidefinite"),
         # a tiny variance beside a large one must not hide the fault
