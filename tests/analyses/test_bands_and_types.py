@@ -107,31 +107,6 @@ def test_p_d_and_its_band_are_those_of_draws_with_common_errors(bands):
     assert drawn.std[0] == pytest.approx(draws.std(), rel=0.02)
 
 
-@pytest.mark.all_draws
-def test_errors_that_are_not_shared_make_a_band_that_is_too_narrow():
-    """What the keys are for: three radars of one type are no three independent draws."""
-    lower, upper = bounds(fused("sss"))[0]
-    low, high = bounds(fused("sss", together=False))[0]
-    assert low - lower > 0.1
-    assert upper >= high
-    apart = {"noise_figure_db": OWN, "gain_dbi": SHARED / 2}
-    uncertainty = {"one": {"position_m": 0, "constant": apart}}
-    radars = [radar(f"r{i}", "s", type=None, uncertainty=uncertainty) for i in range(3)]
-    for one in radars:
-        del one["type"]
-    content = document(*radars)
-    del content["types"]
-    del content["uncertainty"]["aircraft"]["rcs_db"]
-    rng, missed = np.random.default_rng(4), 1.0
-    for _ in range(3):
-        missed = missed * (
-            1 - p_d(AREAS["s"], np.hypot(OWN, SHARED) * rng.standard_normal(400_000))
-        )
-    found = propagate_scenario(made(content))
-    exact, error = bounds(1 - missed)
-    assert np.all(abs([found.lower[0], found.upper[0]] - exact) < 0.002 + 4 * error)
-
-
 def test_sigma_to_first_order_has_a_closed_form():
     """Alike radars at one place: shared errors add up, errors of their own add up in squares."""
     for count in (1, 2, 4):
