@@ -306,17 +306,6 @@ def test_layout_of_detectors(p_fa, monkeypatch):
         assert len(styles) == len(lines)
 
 
-def test_lines_differ_in_dashes_and_not_only_in_colour():
-    (axes,) = analyses.budget(load_scenario()).plot().axes
-    colours = [line.get_color() for line in axes.lines]
-    styles = [
-        (dashes(line), colour == "black") for line, colour in zip(axes.lines, colours, strict=True)
-    ]
-    assert len(axes.lines) == 5
-    assert len(set(styles)) == len(styles)
-    assert len(set(colours)) == len(colours)
-
-
 def test_ten_thousand_runs_make_a_small_file_that_says_so():
     sweep = {"start": 0, "stop": 180, "step": 15}  # lines at all poses would make a large file
     s = scenario(geometry__azimuth_deg=sweep).with_analysis(runs=10_000)
