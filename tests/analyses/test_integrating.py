@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, yaml_text
+from helpers import yaml_text
 from numpy.testing import assert_allclose
 
 import radar_sense as rs
@@ -15,23 +15,6 @@ pytestmark = pytest.mark.usefixtures("quick")
 ROOT = Path(__file__).parents[2]
 CELLS = {"type": "cell_averaging", "cells": 24}
 DETECTOR = {"model": "swerling2", "pulses": 10, "cfar": CELLS}
-
-
-@pytest.mark.parametrize(
-    "command",
-    ["budget --method form", "compare --runs 64", "map --step-km 200 --upper --method form"],
-)  # fmt: skip
-def test_every_command(tool, command):
-    text = yaml_text(
-        document(
-            radar__detector=DETECTOR,
-            radar__constant=40,
-            geometry__azimuth_deg={"start": 40, "stop": 60, "step": 20},
-        )
-    )
-    Path("my.yaml").write_text(text, encoding="utf-8")
-    code, _, err = tool(*command.split(), "my.yaml", "--no-plot", "--out", "out")
-    assert code == 0, err
 
 
 def test_detectors_of_two_radars():
