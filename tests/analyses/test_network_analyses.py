@@ -1,16 +1,12 @@
 """The analyses of a network, called from Python: budgets, tables and figures."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from helpers import (
     cov_by_level,
-    nonlinear_by_its_own_moments,
     paper_network,
     parsed_network,
     radar_entry,
-    shares_of,
     stds_of,
     with_arrays,
 )
@@ -57,21 +53,6 @@ def test_budget_has_rows_for_the_aircraft_and_each_radar():
         paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91)), 0.05
     )
     assert list(allowed) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "all"]
-
-
-@pytest.mark.all_draws
-def test_budget_by_sobol_indices_of_a_network():
-    scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 271, 90))
-    linear = error_budget(scenario, "linear")
-    found = error_budget(dataclasses.replace(scenario, runs=8192), "montecarlo")
-    assert list(found.sources) == list(linear.sources)
-    form = propagate_scenario(scenario, method="form")
-    assert_allclose(found.total.std, form.std, rtol=0.03)
-    shares, first = shares_of(found), shares_of(linear)
-    near = ~nonlinear_by_its_own_moments(scenario, "linear")
-    assert near.tolist() == [True, False, True]
-    for source, share in shares.items():
-        assert np.all(abs(share - first[source])[near] < 0.1)
 
 
 def test_each_radar_by_itself():
