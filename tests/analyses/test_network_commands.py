@@ -61,18 +61,6 @@ NETWORK = network_document(
 )
 
 
-def test_columns_of_a_network():
-    s = rs.parse_scenario(yaml_text(NETWORK)).with_analysis(runs=256, method="linear")
-    for command, options, columns in (
-        ("variance", {}, {"p_d", "p_d_east", "sigma_pd_west", "snr_db_east", "range_m_west"}),
-        ("sensitivity", {}, {"three_sigma_low", "three_sigma_high"}),
-        ("budget", {}, {"three_sigma_east", "three_sigma_west_constant", "three_sigma_aircraft"}),
-        ("budget", {"method": "montecarlo"}, {"share_east"}),
-        ("budget", {"target": 0.01, "at": 45}, {"three_sigma_west"}),
-    ):
-        assert columns <= set(getattr(rs.analyses, command)(s, **options).table), command
-
-
 def test_the_map_of_a_network(tool):
     write(yaml_text(NETWORK))
     command = ["map", "my.yaml", "--upper", "--method", "form", "--step-km", "100"]
@@ -95,17 +83,3 @@ def test_the_map_of_a_network(tool):
     for i, model in enumerate(s.model.models):
         by_itself = model.p_d(states, s.radar[4 * i : 4 * i + 4])
         assert np.all(p_d >= np.where(seen[..., i], by_itself, 0))
-
-
-def test_the_map_where_no_radar_sees_is_zero(tool):
-    write(yaml_text(network_document(*(radar_entry(n, max_range_km=150) for n in ("a", "b")))))
-    code, _, err = tool(
-        *("map", "my.yaml", "--upper", "--method", "probit", "--step-km", "100"), "--no-plot"
-    )
-    assert code == 0, err
-    (path,) = Path().rglob("*_map.npz")
-    with np.load(path) as file:
-        found = dict(file)
-    assert found["upper_3sigma"][0, 0] == found["p_d"][0, 0] == 0
-    assert np.isfinite(found["upper_3sigma"]).all()
-    assert found["p_d"].max() > 0.99
