@@ -25,7 +25,6 @@ from radar_sense.mission.recombined import (
     upper_tails,
     widened_normals,
 )
-from radar_sense.model.network import NetworkModel
 from radar_sense.progress import listening
 
 ROUTE = """time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg
@@ -209,46 +208,6 @@ def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
             np.testing.assert_array_equal(values, event.p)
         for values in (event.std, event.lower_se, event.upper_se):
             assert not values.any()
-
-
-def test_correlated_radars_are_drawn_together(tmp_path, monkeypatch):
-    """Radars of one band have one error of the RCS, those of two bands have two."""
-    monkeypatch.setattr(recombined, "MAX_DRAWS", 2048)
-    s, decibels = load(tmp_path, ["one", "two"], 60.0), 1.0
-    std = np.array([500.0, 500.0, 500.0, 1e-4, 500.0, 500.0, 500.0, 4e-5])
-    together, independent = (
-        recombined_missions(
-            Looks.of(
-                with_arrays(
-                    s,
-                    model=NetworkModel(tuple(replace(r, band=band * r.name) for r in s.radars)),
-                    cov_radar={"one": np.diag(std**2)},
-                    tolerances=None,
-                    rcs_db=decibels,
-                )
-            )
-        )[0][0]
-        for band in (0, 1)
-    )
-    rng = np.random.default_rng(3)
-    runs = 40_000
-    errors = rng.standard_normal((2, runs))
-    drawn = []
-    for other in errors:
-        missed = np.ones(runs)
-        for i, (name, error) in enumerate((("one", errors[0]), ("two", other))):
-            v, area = rng.standard_normal((4, runs)), SIGMA * 10 ** (decibels * error / 10)
-            place = np.array(RADARS[name][0])[:, None] + std[4 * i : 4 * i + 3, None] * v[:3]
-            c_r = np.maximum(RADARS[name][1] + std[4 * i + 3] * v[3], 0)
-            for t in range(0, 121, 8):
-                nominal = [np.interp(t, [0, 60, 120], w)
-                           for w in ([60e3, 55e3, 60e3], [-40e3, 0, 40e3], [-6e3] * 3)]  # fmt: skip
-                squared = np.sum((np.array(nominal)[:, None] - place) ** 2, axis=0)
-                missed *= 1 - P_FA ** (1 / (1 + c_r * area / (1.38e-23 * squared**2)))
-        drawn.append(1 - missed)
-    for found, values in zip((together, independent), drawn, strict=True):
-        assert found.std[-1] == pytest.approx(values.std(), rel=0.08)  # the poses add a little
-    assert drawn[0].std() > 1.15 * drawn[1].std()
 
 
 def check_normals(normals, weight, tolerance):
