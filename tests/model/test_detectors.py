@@ -16,9 +16,7 @@ from radar_sense.model.detectors import (
     Marcum,
     North,
     Swerling1,
-    Swerling2,
     Swerling3,
-    Swerling4,
     linearize,
 )
 from radar_sense.model.rcs import ConstantRCS
@@ -146,17 +144,6 @@ def test_any_shape_and_any_size(detector):
             assert_array_equal(grid.reshape(found.shape), found)
             for i in (0, 3):
                 assert_array_equal(np.array(function(np.asarray(snr[i]), p_fa)), found[..., i])
-
-
-def test_detectors_that_a_scenario_can_name():
-    assert {name: cls() for name, cls in DETECTORS.items()} == {
-        "north": North(),
-        "marcum": Marcum(),
-        "swerling1": Swerling1(),
-        "swerling2": Swerling2(),
-        "swerling3": Swerling3(),
-        "swerling4": Swerling4(),
-    }
 
 
 # Propagation: every method with every detector.
