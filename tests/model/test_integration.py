@@ -417,26 +417,6 @@ def test_required_snr():
 # Refused arguments.
 
 
-@pytest.mark.parametrize(
-    ("make", "says"),
-    [
-        (lambda: Marcum(pulses=0), "pulses must be a whole number not less than 1"),
-        (lambda: Marcum(pulses=2.5), "pulses must be a whole number"),
-        (lambda: CellAveraging(0), "cells must be"),
-        (lambda: OrderedStatistics(24, 25), "rank must be at most 24"),
-        (lambda: BinaryIntegration(3, 2), "m must be at most 2"),
-        (lambda: Swerling1(binary=BinaryIntegration(1, 2)), "binary needs pulses that fluctuate"),
-        (lambda: Swerling3(binary=BinaryIntegration(1, 2)), "marcum, swerling2 and swerling4"),
-        (lambda: Marcum(cfar=OrderedStatistics(4, 3)), "ordered_statistics is for swerling1 and"),
-        (lambda: Swerling1(pulses=2, cfar=OrderedStatistics(4, 3)), "with one pulse"),
-        (lambda: Marcum(cfar=CellAveraging(2)).tails(1e-9), "more than 30 dB above noise"),
-    ],
-)
-def test_keys_of_a_detector_that_exclude_each_other(make, says):
-    with pytest.raises(InputError, match=says):
-        make()
-
-
 def test_detectors_are_values():
     """Equal detectors share a table, and differ from those with other keys."""
     assert Swerling2(pulses=3) == Swerling2(pulses=3) != Swerling2(pulses=4)
