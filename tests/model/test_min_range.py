@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 import yaml
@@ -11,20 +9,15 @@ from helpers import (
     TRACKING,
     assert_same_scenario,
     document,
-    few_draws,
-    paper_network,
     place,
     refusal,
-    with_arrays,
 )
 from numpy.testing import assert_allclose, assert_array_equal
 
 import radar_sense as rs
-from radar_sense.mission.looks import Looks
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS
-from radar_sense.propagation import METHODS, propagate_scenario
 
 MODEL = rs.DetectionModel(ConstantRCS(0.1), 1e-6, rs.Marcum())
 #: c · 11 µs / 2.
@@ -71,45 +64,6 @@ def test_nothing_is_seen_within_the_minimum_range():
     assert_array_equal(network.p_d(aircraft, state), MODEL.p_d(aircraft, state) * seen)
     for part in (network.linearize(aircraft, state).jac_radar, network.snr(aircraft, state)):
         assert_array_equal(np.any(part != 0, axis=-1), seen)
-
-
-def test_a_blind_radar_leaves_the_network_to_the_others():
-    near = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100])
-    far, other = near.model.radars
-    blind = dataclasses.replace(far, min_range=1e6)
-    both = with_arrays(near, model=NetworkModel((blind, other)))
-    alone = other.model.p_d(near.aircraft, near.radar[4:])
-    assert_allclose(both.model.p_d(both.aircraft, both.radar), alone, rtol=1e-14)
-    for method in METHODS:
-        assert_allclose(propagate_scenario(both, method=method).p_d, alone, rtol=1e-14)
-
-
-def test_a_mission_and_a_map_have_a_blind_circle(tmp_path, monkeypatch):
-    few_draws(monkeypatch)
-    rows = [f"{t},{-9000 + 300 * t},0,-1000,0,0,0" for t in (0, 60)]
-    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
-    (tmp_path / "route.csv").write_text("\n".join([header, *rows]) + "\n")
-    content = several(constant=1.3e-6, tracking=None, min_range_km=5, scan_period_s=5)
-    content["geometry"] = {"type": "path", "file": "route.csv"}
-    del content["aircraft"]["attitude_deg"]
-    content["uncertainty"] = {"aircraft": {"position_m": 10, "attitude_deg": 1}}
-    content["analysis"]["runs"] = 100
-    (tmp_path / "s.yaml").write_text(text(content))
-    scenario = rs.load_scenario(tmp_path / "s.yaml")
-    looks = Looks.of(scenario).scenario
-    blind = np.linalg.norm(looks.aircraft[:, :3], axis=1) < 5e3
-    assert 3 < blind.sum() < len(blind) - 3
-    free = looks.model.models[0].p_d(looks.aircraft, looks.radar)
-    table = rs.analyses.mission(scenario).table
-    assert_allclose(table["p_d"], np.where(blind, 0.0, free), rtol=1e-12)
-    assert np.all(np.diff(table["cumulative_p_d"])[blind[1:]] == 0)
-    plane = rs.analyses.coverage_map(
-        scenario, north_km=(-8, 8), east_km=(-8, 8), step_km=1, upper=True, method="form"
-    )
-    north, east = np.meshgrid(plane.table["north_m"], plane.table["east_m"], indexing="ij")
-    within = np.hypot(np.hypot(north, east), 1e3) < 5e3
-    for column in ("p_d", "upper_3sigma"):
-        assert_array_equal(plane.table[column] == 0, within)
 
 
 def test_the_keys_are_read_and_read_back():
