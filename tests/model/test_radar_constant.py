@@ -291,14 +291,6 @@ def test_a_divisor_never_comes_near_zero():
     assert part.factor(np.array([-100.0, -5.0])).tolist() == pytest.approx([1 / lowest] * 2)
 
 
-def test_radar_positions_stay_as_they_were_drawn():
-    """Parts take the place of c_r's unit normal; the first three remain the position's."""
-    sampler = Sampler(sheet_scenario().states())
-    normals = np.random.default_rng(1).standard_normal((50, sampler.radar_normals))
-    radar, _ = sampler.draw_radar(normals)
-    np.testing.assert_allclose(radar[:, :3], 100 * normals[:, :3], rtol=1e-14)
-
-
 @pytest.mark.parametrize("sampler", ["random", "sobol"])
 def test_monte_carlo_draws_the_true_distribution(sampler):
     """P_D far from any pose's edge, with nothing uncertain but c_r: E and σ by quadrature."""
