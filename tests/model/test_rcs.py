@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from helpers import scenario
 from mpmath import mp, mpf
-from scipy.linalg import block_diag
 
 import radar_sense as rs
 from radar_sense.analyses.rcs import directions
@@ -135,21 +134,6 @@ def test_the_exact_ellipsoid_is_smooth_straight_above():
     np.testing.assert_allclose(gradient, gradient[[1, 1, 1]], atol=1e-6)
 
 
-@pytest.mark.parametrize("wrong", [0, -1, np.nan, np.inf])
-def test_axes_are_positive(wrong):
-    with pytest.raises(ValueError, match="y must be a number greater than 0"):
-        rs.ExactEllipsoidRCS(1, wrong, 1)
-
-
-def test_the_exact_ellipsoid_in_a_scenario():
-    entry = {"model": "ellipsoid_exact", "x_m": C, "y_m": A, "z_m": B}
-    s = scenario(aircraft__rcs=entry)
-    assert s.radars[0].model.rcs == EXACT
-    assert s.resolved()["aircraft"]["rcs"] == entry
-    with pytest.raises(rs.InputError, match="unknown key 'a_m'"):
-        scenario(aircraft__rcs={**entry, "a_m": 1})
-
-
 class Plate:
     """A cross section of one's own: 1 m² times the squared cosine to the nose."""
 
@@ -165,28 +149,6 @@ class Plate:
         cosine = line[..., :1]
         gradient = 2.0 * cosine / length * (np.array([1.0, 0.0, 0.0]) - cosine * line)
         return cosine[..., 0] ** 2, gradient
-
-
-def test_a_cross_section_of_ones_own():
-    aircraft, radar = np.array([[9e4, 5e4, -3e3, 0.1, 0.0, 0.3]]), np.array([0.0, 0, 0, 20])
-    cov_aircraft, cov_radar = (
-        np.diag([10.0] * 3 + [0.02] * 3) ** 2,
-        np.diag([10.0] * 3 + [1.0]) ** 2,
-    )
-    model: rs.RCS = Plate()
-    found = rs.propagate(
-        rs.DetectionModel(rcs=model, p_fa=1e-4),
-        aircraft,
-        radar,
-        cov_aircraft,
-        cov_radar,
-        method="form",
-    )
-    states = np.random.default_rng(1).multivariate_normal(
-        [*aircraft[0], *radar], block_diag(cov_aircraft, cov_radar), 100_000
-    )
-    drawn = rs.DetectionModel(rcs=model, p_fa=1e-4).p_d(states[:, :6], states[:, 6:])
-    assert found.std[0] == pytest.approx(drawn.std(), rel=0.02)
 
 
 @pytest.mark.parametrize("name", ["isotropic", "detail", "cross_section", "linearize"])
