@@ -15,7 +15,6 @@ from scipy.stats import chisquare, qmc
 
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sequences import SAMPLERS, Random, Sobol
-from radar_sense.propagation import propagate_scenario
 
 RUNS, POSES = 256, 5
 FEW = {"start": 0, "stop": 180, "step": 15}
@@ -161,26 +160,6 @@ def test_the_ends_of_the_unit_interval_are_finite_normals(monkeypatch):
         assert np.all(abs(radar) == pytest.approx(6.338, abs=1e-3))  # −Φ⁻¹(2^−33)
         assert np.all(np.sign(radar) == (1 if value else -1))
         assert np.all(np.isfinite(aircraft))
-
-
-def test_sobol_points_err_less():
-    """The error is smaller by a factor with 1024 runs, within four standard errors over seeds.
-
-    The reference is `form`, with an error of up to 1.3e-6 in the mean and 0.04 % in σ.
-    """
-    s = scenario(geometry__azimuth_deg=FEW)
-    exact = propagate_scenario(s, method="form")
-    drawn = {
-        kind: [monte_carlo(s, 1024, seed, sampler=kind) for seed in range(16)] for kind in SAMPLERS
-    }
-    for name, better in (("mean", 20), ("std", 4)):
-        log_rms = {}
-        for kind, each in drawn.items():
-            errors = [(getattr(mc, name) - getattr(exact, name)) / exact.std for mc in each]
-            log_rms[kind] = 0.5 * np.log(np.mean(np.square(errors), axis=1))
-        gain = log_rms["random"] - log_rms["sobol"]
-        error = gain.std(ddof=1) / np.sqrt(len(gain))
-        assert gain.mean() - 4 * error > np.log(better)
 
 
 def test_the_binomial_interval_is_for_random_draws():
