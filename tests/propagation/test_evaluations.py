@@ -14,7 +14,6 @@ from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.propagation import METHODS, band_of_scenario, distribution, propagate_scenario
-from radar_sense.propagation.automatic import judged, of_bounds, of_moments
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
 
@@ -169,14 +168,3 @@ def test_a_second_question_makes_no_draw_twice(monkeypatch):
             alone = estimate(states.at(np.array([pose])), int(draws), 3.0)
             assert alone.upper == drawn.upper[pose]
     assert set(made.values()) == {1}
-
-
-@pytest.mark.parametrize("to_precision", [False, True])
-@pytest.mark.parametrize("read", [of_bounds, of_moments])
-def test_no_more_draws_where_a_method_has_no_value(read, to_precision):
-    states = rs.load_scenario().at_poses(slice(0, None, 60)).states()
-    looks, without = Looks(states, 3.0), np.full(len(states), np.nan)
-    drawn, confirmed, off = judged(looks, (without, without), read, to_precision=to_precision)
-    assert off.all()
-    assert not confirmed.any()
-    np.testing.assert_array_equal(drawn.draws, looks.first.draws)
