@@ -177,44 +177,6 @@ def test_limits_of_a_single_radar_are_the_limits_of_a_network_of_one(limits, hid
     assert one.resolved()["radar"].get("horizon", False) == limits.get("horizon", False)
 
 
-@pytest.mark.parametrize("value", [[], None, {"a": 1}])
-def test_not_a_list_of_radars(tool, value):
-    text = yaml_text({**network_document(), "radars": value})
-    _, path, complaint = place(refusal(tool, text))
-    assert path == "radars"
-    assert complaint.startswith("must be a list of one radar or more, each with a name, got ")
-
-
-def test_too_many_radars(tool):
-    path, complaint, _ = refused(tool, *(radar_entry(f"r{i}") for i in range(65)))
-    assert (path, complaint) == ("radars", "has 65 entries, allowed are 64")
-
-
-@pytest.mark.parametrize("value", [5, [1], None])
-def test_a_radar_that_is_no_mapping(tool, value):
-    path, complaint, _ = refused(tool, radar_entry("a"), value)
-    assert path == "radars[2]"
-    assert complaint.startswith("must be a mapping")
-
-
-def test_radar_beside_radars(tool):
-    path, complaint, line = refused(tool, radar_entry("a"), radar=radar_entry("b"))
-    assert path == "radar"
-    assert complaint == "stands beside 'radars'; give only one of the two"
-    assert line == "name: b"  # the first line of the mapping
-
-
-def test_neither_radar_nor_radars(tool):
-    content = network_document(radar_entry("a"))
-    del content["radars"]
-    _, _, complaint = place(refusal(tool, yaml_text(content)))
-    assert complaint == "needs one of the keys 'radar' and 'radars'"
-    content["radrs"] = [radar_entry("a")]
-    _, _, complaint = place(refusal(tool, yaml_text(content)))
-    assert "unknown key 'radrs'" in complaint
-    assert "did you mean 'radars'?" in complaint
-
-
 def test_levels_that_differ(tool):
     levels = radar_entry("b")["uncertainty"]
     other = {"low": levels["low"], "hihg": levels["high"]}
