@@ -134,22 +134,6 @@ def test_every_pose_has_its_own_covariance(tmp_path, text):
     assert abs(propagate_scenario(swapped).std[:3] / stds - 1).max() > 1e-3
 
 
-@pytest.mark.parametrize("text", [UNCERTAIN, correlated_route()], ids=["std", "cov"])
-def test_draws_have_the_covariance_of_their_pose(tmp_path, text):
-    s = load(tmp_path, text)
-    sampler = Sampler(s.states())
-    normals = np.random.default_rng(3).standard_normal((40_000, 4, 6))
-    drawn = covariance.draws(s.aircraft, sampler.sqrt_cov_aircraft, normals)
-    for pose in range(4):
-        std = np.sqrt(np.diagonal(s.cov_aircraft[pose]))
-        scale = np.where(std > 0, std, 1.0)
-        found = np.cov((drawn[:, pose] - s.aircraft[pose]) / scale, rowvar=False)
-        # a correlation of 40 000 draws has a standard error of 0.005, a variance of 0.007
-        assert found == pytest.approx(s.cov_aircraft[pose] / np.outer(scale, scale), abs=0.035)
-        one = covariance.draws(s.aircraft[pose], sampler.sqrt_cov_aircraft[pose], normals[:, pose])
-        assert (one == drawn[:, pose]).all()
-
-
 def test_square_roots_do_not_depend_on_the_block_size(monkeypatch):
     rng = np.random.default_rng(1)
     root = rng.standard_normal((7, 6, 6))
