@@ -358,16 +358,3 @@ def test_too_many_rows_and_too_large_a_file(monkeypatch):
     monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
     with pytest.raises(InputError, match="is larger than 1 MiB"):
         load(SIMPLE + f"#{'x' * 2**15}\n" * 32)
-
-
-def test_the_first_bad_covariance_is_named_among_good_ones():
-    rng = np.random.default_rng(6)
-    covariance = random_covariance(rng, 40, rank=4)  # singular, so that none is definite
-    columns = ned(np.arange(40.0), np.outer(np.arange(40.0), [100, 0, 0]))
-    load({**columns, **triangle(covariance)})
-    for bad in (33, 21):
-        i, j = 1, 4
-        std = np.sqrt(covariance[bad, i, i] * covariance[bad, j, j])
-        covariance[bad, i, j] = covariance[bad, j, i] = 1.01 * std
-        with pytest.raises(InputError, match=rf"^route\.csv:{bad + 2}: covariance is not"):
-            load({**columns, **triangle(covariance)})
