@@ -1,20 +1,16 @@
 """Bounds of `mission` against plain draws: the worked missions, and twenty random ones.
 
     python tests/studies/mission_bounds.py [RUNS] [NAME ...]
-    python tests/studies/mission_bounds.py constants [NAME ...]
 
 RUNS plain draws of each mission are made, 20 000 unless given. The drawn 3-sigma bound is the draw
 of a certain rank. The draws of a lower and a higher rank are the ends of its interval. These ranks
 are three standard errors away: 3 √n for n draws beyond the bound. A bound fails at a time if it is
 outside this interval and more than 0.01 from the drawn bound. The table has a row for each event
 and bound. Four bounds of some 6 000 times are outside by chance.
-
-`constants` prints standard errors and CPU with other values of the constants of `recombined`.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import sys
 import tempfile
@@ -25,7 +21,6 @@ import numpy as np
 import yaml
 
 import radar_sense as rs
-from radar_sense.mission import recombined
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import recombined_missions
 from radar_sense.mission.tracks import event_probabilities
@@ -37,8 +32,6 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 WINDOWS = [(1, 2), (2, 3), (2, 4), (3, 5), (3, 6), (4, 6), (5, 8)]
 BLOCK = 500
 SEED = 987_654
-#: Seeds of `constants`.
-SEEDS = 8
 NAMES = ["mission", "corridor", *(f"random{i}" for i in range(20))]
 
 
@@ -173,57 +166,15 @@ def compare(name: str, scenario: rs.Scenario, window: tuple[int, int], runs: int
             )
 
 
-def study_constants(name: str, scenario: rs.Scenario, window: tuple[int, int]) -> None:
-    """Print the largest deviation of the bounds over some seeds, for several constants."""
-    print(f"{name}: largest deviation of lower and upper bound of detection, and of the track")
-    for changes in (
-        {},
-        {"WIDTH": 1.0},
-        {"WIDTH": 1.3},
-        {"WIDTH": 2.0},
-        {"CANDIDATES": 1},
-        {"CANDIDATES": 2},
-        {"CANDIDATES": 32},
-        {"SCREENING_LOOKS": 2},
-        {"SCREENING_LOOKS": 32},
-        {"SHARE": 0.25},
-        {"SHARE": 0.75},
-        {"DRAWS_PER_PATH": 4, "COMBINATIONS_PER_PATH": 8},
-        {"DRAWS_PER_PATH": 16, "COMBINATIONS_PER_PATH": 32},
-        {"COMBINATIONS_PER_PATH": 8},
-        {"COMBINATIONS_PER_PATH": 32},
-    ):
-        usual = {key: getattr(recombined, key) for key in changes}
-        for key, value in changes.items():
-            setattr(recombined, key, value)
-        start = time.process_time()
-        found = [
-            recombined_missions(Looks.of(dataclasses.replace(scenario, seed=seed)), window)[0]
-            for seed in range(SEEDS)
-        ]
-        seconds = (time.process_time() - start) / SEEDS
-        for key, value in usual.items():
-            setattr(recombined, key, value)
-        deviations = [
-            np.std([getattr(events[event], end) for events in found], axis=0, ddof=1).max()
-            for event in range(2)
-            for end in ("lower", "upper")
-        ]
-        words = ", ".join(f"{key} {value:g}" for key, value in changes.items()) or "as they are"
-        print(f"  {words:45} {seconds:5.1f} s ", *(f"{d:.4f}" for d in deviations), flush=True)
-
-
 def main() -> None:
-    constants = sys.argv[1:2] == ["constants"]
-    runs = 20_000 if constants or len(sys.argv) < 2 else int(float(sys.argv[1]))
-    usual = ["corridor"] if constants else NAMES
-    for name in sys.argv[2:] or usual:
+    runs = int(float(sys.argv[1])) if len(sys.argv) > 1 else 20_000
+    for name in sys.argv[2:] or NAMES:
         with tempfile.TemporaryDirectory() as folder:
             if name.startswith("random"):
                 problem = random_mission(int(name[6:]), Path(folder))
             else:
                 problem = rs.load_scenario(CONFIGS / f"{name}.yaml"), (3, 5)
-            study_constants(name, *problem) if constants else compare(name, *problem, runs)
+            compare(name, *problem, runs)
 
 
 if __name__ == "__main__":
