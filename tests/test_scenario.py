@@ -247,15 +247,6 @@ def test_wrong_arguments_fail_where_they_are_made(case):
         dataclasses.replace(rs.Scenario(**arguments()), **make())
 
 
-def test_a_scenario_in_a_notebook():
-    s = rs.Scenario(**arguments())
-    assert repr(s) == (
-        "<Scenario 'scenario': 2 poses by pose, 1 radar, level medium of medium, 500 runs, seed 1>"
-    )
-    network = rs.load_scenario(ROOT / "configs/network.yaml")
-    assert "3 radars (search, ridge, mobile)" in repr(network)
-
-
 def test_the_embedded_scenario_is_the_one_in_configs():
     file = ROOT / "configs/paper.yaml"
     assert not file.is_symlink()
