@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import gc
 import os
+import pickle
 import sys
 from collections.abc import Callable
-from copy import deepcopy
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,8 +28,10 @@ from radar_sense.scenario_file.load import default_text
 from radar_sense.words import WARNINGS
 
 # The same scenarios are read again and again, and PyYAML takes 20 ms for one of a hundred lines.
-_composed = cache(place.compose)
-place.compose = lambda text, file: deepcopy(_composed(text, file))
+# Each reader gets nodes of its own.
+_compose = place.compose
+_composed = cache(lambda text, file: pickle.dumps(_compose(text, file), pickle.HIGHEST_PROTOCOL))
+place.compose = lambda text, file: pickle.loads(_composed(text, file))
 
 #: Folders whose claims are about the judgement of methods by draws, or about printed numbers.
 JUDGING = ("acceptance", "docs", "montecarlo", "propagation", "reference", "studies")

@@ -9,7 +9,7 @@ import pickle
 import re
 from collections.abc import Callable
 from contextlib import contextmanager
-from functools import lru_cache, partial
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 
@@ -75,7 +75,7 @@ def scenario(**changes):
     return parse_scenario(text) if "file:" in text else _parsed(text)
 
 
-@lru_cache(maxsize=32)
+@cache
 def _parsed(text):
     """The scenario of a text that names no file: many tests have the same immutable scenario."""
     return parse_scenario(text)
