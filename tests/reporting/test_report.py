@@ -18,7 +18,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import OVERHEAD, document, few_draws, few_judging_draws, scenario, yaml_text
+from helpers import (
+    OVERHEAD,
+    document,
+    few_draws,
+    few_judging_draws,
+    scenario,
+    without_pixels,
+    yaml_text,
+)
 
 import radar_sense as rs
 from radar_sense import files, plotting
@@ -326,7 +334,8 @@ def test_nothing_is_fetched(page, html):
 # The command and its files.
 
 
-def test_the_same_bytes_whatever_the_number_of_workers(tool, flight, tmp_path):
+def test_the_same_bytes_whatever_the_number_of_workers(tool, flight, tmp_path, monkeypatch):
+    without_pixels(monkeypatch)
     write_flight(tmp_path)
     options = ("--threshold", "0.5", "--method", "linear", "--level", "one", "--workers", "2")
     names = ("report", "flight.yaml", *options)
