@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 import yaml
-from helpers import single, with_arrays
+from helpers import few_draws, single, with_arrays
 
 import radar_sense as rs
 from radar_sense.coverage.grid import Grid, p_d_in_cells
@@ -200,8 +200,9 @@ def test_the_origin_changes_nothing_between_rows(by_row, given, interpolate, tmp
 
 
 @pytest.mark.parametrize("correlation", [0.0, 60.0, math.inf])
-def test_the_origin_changes_no_mission(correlation, tmp_path):
+def test_the_origin_changes_no_mission(correlation, tmp_path, monkeypatch):
     """An error of yaw, known worse than level, stays an error of yaw while the aircraft turns."""
+    few_draws(monkeypatch, draws=512, replicates=4)
     rows = [(0, 50, 10, 3000, 0, 0, -70), (100, 50.1, 10, 3000, 0, 0, 80)]
     found = []
     for origin in ((50, 10, 0), (54, 17, 0)):
