@@ -238,8 +238,9 @@ def test_indices_are_linear_shares_where_p_d_is_nearly_linear(names):
 
 
 @pytest.mark.parametrize(("names", "periods"), [(("one",), (8,)), (tuple(RADARS), (8, 12))])
-def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, names, periods):
+def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypatch, names, periods):
     """A flight past radars with one period, or with several periods in turn."""
+    monkeypatch.setattr("radar_sense.mission.recombined.MAX_DRAWS", 2048)
     rows = ["0,60e3,-40e3", "60,55e3,0", "120,60e3,40e3"]
     header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
     (tmp_path / "route.csv").write_text("\n".join([header, *(f"{r},-6e3,0,0,90" for r in rows)]))
