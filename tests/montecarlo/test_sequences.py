@@ -167,7 +167,7 @@ def test_the_binomial_interval_is_for_random_draws():
     points.
     """
     s = scenario(geometry__azimuth_deg=FEW)
-    runs, seeds = 2048, 40
+    runs, seeds = 2048, 20
     for kind, low, high in (("random", 0.6, 1.5), ("sobol", 0.1, 0.3)):
         shares = np.array(
             [monte_carlo(s, runs, seed, sampler=kind).coverage for seed in range(seeds)]
