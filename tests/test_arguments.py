@@ -161,6 +161,13 @@ def test_a_scenario_and_its_parts_have_short_reprs_with_the_names_of_radars(conf
     assert f"{len(s.model.radars)} radar" in repr(s.model)
 
 
+def test_the_repr_of_a_scenario_says_what_it_is():
+    assert repr(PAPER) == (
+        "<Scenario 'paper': 361 poses by azimuth, 1 radar, level medium of low, medium, high, "
+        "500 runs, seed 1>"
+    )
+
+
 def test_the_repr_of_many_radars_names_some():
     many = rs.NetworkModel(tuple(rs.Radar(MODEL, f"r{i}".ljust(40, "x")) for i in range(64)))
     assert "r0x" in repr(many)
