@@ -33,12 +33,6 @@ from radar_sense.scenario_file.route_file import read_route
 from radar_sense.scenario_file.text_file import recorded
 from radar_sense.states import FloatArray
 
-#: Keys of a path that the reader of routes takes as they are.
-_OF_ROUTE = (
-    *("max_gap_s", "altitude_above", "geoid_height_m", "down_km", "altitude_m"),
-    *("speed_m_s", "icao24", "sha256"),
-)
-
 
 def build(
     file: sections.File, place: Place, again: Callable[[Mapping[str, Any]], Scenario]
@@ -144,13 +138,8 @@ def _steps(stated: sections.Sweep | sections.Ranges, place: Place) -> FloatArray
 
 def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
     path = FilePath(place.file).parent / stated.file
-    route, sha256 = read_from(
-        place,
-        read_route,
-        path,
-        origin=None if stated.origin is None else on_earth(stated.origin),
-        **{name: getattr(stated, name) for name in _OF_ROUTE},
-    )
+    origin = None if stated.origin is None else on_earth(stated.origin)
+    route, sha256 = read_from(place, read_route, path, stated, origin)
     of_flight: dict[str, Any] = {}
     if stated.interpolate is not None:
         step_s, method = float(stated.interpolate.step_s), stated.interpolate.method

@@ -26,7 +26,7 @@ from typing import Any, TypeVar
 import yaml
 
 from radar_sense.errors import InputError, did_you_mean, shorten
-from radar_sense.limits import ANY, LARGEST, SMALLEST, Limit, Text
+from radar_sense.limits import ANY, LARGEST, NOT_NEGATIVE, SMALLEST, Limit, Text
 from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.text_file import NOT_FINITE, NUMBER, advice
 from radar_sense.units import unit_name
@@ -102,10 +102,7 @@ class Key:
         meaning: Meaning of the value, without the unit.
         unit: Unit of a number, or "".
         kind: What the value is.
-        default: Value of a missing key, or `REQUIRED`.
-        one_of: As in `key`.
-        unless: As in `key`.
-        instead_of: As in `key`.
+        default: Value of a missing key, or `REQUIRED`. The rest is as in `key`.
     """
 
     name: str
@@ -416,27 +413,25 @@ def text(pattern: Text) -> Kind:
     return Kind(pattern.words, read, lambda: dict(matches))
 
 
-def words(*choices: str, synonyms: Mapping[str, str] | None = None) -> Kind:
-    """Return the kind of one of some words.
-
-    Args:
-        choices: The words.
-        synonyms: The word to write in place of other words.
-    """
+def words(*choices: str) -> Kind:
+    """Return the kind of one of some words."""
     numbers = [int(word) for word in choices if word.isdigit()]  # as YAML reads a word of digits
     return Kind(
         f"one of {', '.join(choices)}",
-        lambda place: read_word(place, choices, synonyms or {}),
+        lambda place: read_word(place, choices),
         lambda: {"enum": [*choices, *numbers]},
         lambda value: int(value) if value.isdigit() else value,
     )
 
 
-def read_word(place: Place, choices: Collection[str], synonyms: Mapping[str, str]) -> str:
-    """Return one of some words; the arguments are those of `words`."""
+def read_word(
+    place: Place, choices: Collection[str], synonyms: Mapping[str, str] | None = None
+) -> str:
+    """Return one of some words. An error says which of them to write in place of a synonym."""
     text = place.text or ""
     if text not in choices:
-        hint = f"; write '{synonyms[text]}'" if text in synonyms else did_you_mean(text, choices)
+        instead = (synonyms or {}).get(text)
+        hint = f"; write '{instead}'" if instead else did_you_mean(text, choices)
         raise place.wrong(f"one of {', '.join(choices)}", hint)
     return text
 
@@ -446,7 +441,7 @@ def yes_no() -> Kind:
     choices = ("true", "false")
     return Kind(
         f"one of {', '.join(choices)}",
-        lambda place: read_word(place, choices, {}) == "true",
+        lambda place: read_word(place, choices) == "true",
         lambda: {"type": "boolean"},
     )
 
@@ -473,27 +468,21 @@ def _several(kind: Kind, size: int, what: str, allowed: str) -> Kind:
     )
 
 
-def deviations(size: int, limit: Limit) -> Kind:
+def deviations(size: int) -> Kind:
     """Return the kind of a standard deviation of all components, one of each, or a covariance."""
-    one, each, rows = number(limit), numbers(size, limit), matrix(size)
+    one, each, rows = number(NOT_NEGATIVE), numbers(size, NOT_NEGATIVE), matrix(size)
 
-    def read(place: Place) -> Any:
+    def of_place(place: Place) -> Kind:
         if not place.is_list:
-            return one.read(place)
-        return (rows if any(e.is_list for e in place.entries()) else each).read(place)
+            return one
+        return rows if any(entry.is_list for entry in place.entries()) else each
 
-    def write(value: Any) -> Any:
+    def of_value(value: Any) -> Kind:
         if not isinstance(value, tuple):
-            return one.write(value)
-        return (rows if isinstance(value[0], tuple) else each).write(value)
+            return one
+        return rows if isinstance(value[0], tuple) else each
 
-    return Kind(
-        one.allowed,
-        read,
-        lambda: {"anyOf": [kind.schema() for kind in (one, each, rows)]},
-        write,
-        is_number=True,
-    )
+    return _either((one, each, rows), of_place, of_value)
 
 
 def section(cls: type) -> Kind:
@@ -521,7 +510,7 @@ def by_word(
 
     def read_section(place: Place) -> Any:
         if bare and not place.is_mapping:
-            cls = members[read_word(place, members, synonyms or {})]
+            cls = members[read_word(place, members, synonyms)]
             required = [k.name for k in keys_of(cls) if k.default is REQUIRED]
             if required:
                 raise place.error(f"needs a mapping with '{word}' and {', '.join(required)}")
@@ -533,7 +522,7 @@ def by_word(
             if unknown:
                 raise _unknown(place, unknown[0], [word, *known])
             raise place.error(f"missing key '{word}', one of {', '.join(members)}")
-        cls = members[read_word(items[word], members, synonyms or {})]
+        cls = members[read_word(items[word], members, synonyms)]
         return read(place, cls, word, members)
 
     def write_section(value: Any) -> Any:
@@ -625,24 +614,33 @@ def list_of(cls: type, most: int, what: str) -> Kind:
 
 def number_or(limit: Limit, cls: type) -> Kind:
     """Return the kind of a number, or a section in its place."""
-    return _or_section(number(limit), cls, lambda place: place.is_mapping)
+    one, instead = number(limit), section(cls)
+    return _either(
+        (one, instead),
+        lambda place: instead if place.is_mapping else one,
+        lambda value: instead if isinstance(value, cls) else one,
+    )
 
 
 def or_with(kind: Kind, cls: type) -> Kind:
     """Return a kind of a mapping, or a section in its place if a key of the section is there."""
-    names = {k.name for k in keys_of(cls)}
-    return _or_section(
-        kind, cls, lambda place: place.is_mapping and bool(names & place.items().keys())
+    names, instead = {k.name for k in keys_of(cls)}, section(cls)
+    return _either(
+        (kind, instead),
+        lambda place: instead if place.is_mapping and names & place.items().keys() else kind,
+        lambda value: instead if isinstance(value, cls) else kind,
     )
 
 
-def _or_section(one: Kind, cls: type, is_section: Callable[[Place], bool]) -> Kind:
-    instead = section(cls)
+def _either(
+    kinds: Sequence[Kind], of_place: Callable[[Place], Kind], of_value: Callable[[Any], Kind]
+) -> Kind:
+    """Return the kind of any of some kinds; errors name what the first allows."""
     return Kind(
-        one.allowed,
-        lambda place: (instead if is_section(place) else one).read(place),
-        lambda: {"anyOf": [one.schema(), instead.schema()]},
-        lambda value: (instead if isinstance(value, cls) else one).write(value),
-        sections=lambda: {**one.sections(), **instead.sections()},
-        is_number=one.is_number,
+        kinds[0].allowed,
+        lambda place: of_place(place).read(place),
+        lambda: {"anyOf": [kind.schema() for kind in kinds]},
+        lambda value: of_value(value).write(value),
+        sections=lambda: {end: cls for kind in kinds for end, cls in kind.sections().items()},
+        is_number=kinds[0].is_number,
     )

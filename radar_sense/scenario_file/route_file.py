@@ -24,7 +24,6 @@ Files in GPX and of ADS-B state vectors are read by `track_file`.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -43,6 +42,7 @@ from radar_sense.model.track import (
     turn_to_origin,
 )
 from radar_sense.model.trajectory import MIN_STEP, Route
+from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.table_file import Column, TableFile, open_table
 from radar_sense.scenario_file.track_file import Track, read_gpx, read_state_vectors
 from radar_sense.states import AIRCRAFT, POSITION, FloatArray, slices
@@ -88,15 +88,9 @@ def _within(low: float, high: float, unit: float = 1.0) -> Column:
     return Column(Limit(at_least=low, at_most=high), unit)
 
 
-SPEED = Limit(at_least=1e-3, at_most=1e5)
-#: The lowest and highest sea level above the ellipsoid [m], by EGM2008 −107 and 86.
-GEOID_HEIGHT = Limit(at_least=-110, at_most=90)
-#: What altitudes may be above.
-ALTITUDES = ("ellipsoid", "sea", "pressure")
-ICAO24, ICAO24_IN_WORDS = "[0-9A-Fa-f]{6}", "6 digits 0 to 9 and a to f"
 COLUMNS: dict[str, Column] = {
     "time_s": _within(-1e12, 1e12),
-    "speed_m_s": Column(SPEED),
+    "speed_m_s": Column(sections.SPEED),
     **{f"{axis}_m": _within(-_FAR, _FAR) for axis in _NED},
     **{f"{axis}_km": _within(-_FAR / 1e3, _FAR / 1e3, 1e3) for axis in _NED},
     "latitude_deg": _within(-90.0, 90.0, DEG),
@@ -147,81 +141,68 @@ def load_route(
     """
     for name, value, limit in (
         ("max_gap_s", max_gap_s, POSITIVE),
-        ("geoid_height_m", geoid_height_m, GEOID_HEIGHT),
-        ("speed_m_s", speed_m_s, SPEED),
+        ("geoid_height_m", geoid_height_m, sections.GEOID_HEIGHT),
+        ("speed_m_s", speed_m_s, sections.SPEED),
     ):
         if value is not None:
             check_number(name, value, limit)
     if altitude_above is not None:
-        check_choice("altitude_above", altitude_above, ALTITUDES)
-    if icao24 is not None and not re.fullmatch(ICAO24, str(icao24)):
-        raise InputError(f"icao24 must be {ICAO24_IN_WORDS}, got {describe(icao24)}")
+        check_choice("altitude_above", altitude_above, sections.ALTITUDES)
+    if icao24 is not None and not sections.ICAO24.allows(icao24):
+        raise InputError(f"icao24 must be {sections.ICAO24}, got {describe(icao24)}")
     if origin is not None and not geodesy.is_place(origin):
         raise InputError(
             f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
         )
-    route, _ = read_route(
-        path,
-        origin=origin,
+    stated = sections.Path(
+        file=str(path),
         max_gap_s=max_gap_s,
         altitude_above=altitude_above,
         geoid_height_m=geoid_height_m,
         speed_m_s=speed_m_s,
         icao24=icao24,
     )
+    route, _ = read_route(path, stated, origin)
     return route
 
 
 def read_route(
-    path: str | Path,
-    *,
-    origin: tuple[float, float, float] | None = None,
-    max_gap_s: float | None = None,
-    altitude_above: str | None = None,
-    geoid_height_m: float | None = None,
-    down_km: float = 0.0,
-    altitude_m: float = 0.0,
-    speed_m_s: float | None = None,
-    icao24: str | None = None,
-    sha256: str | None = None,
+    path: str | Path, stated: sections.Path, origin: tuple[float, float, float] | None
 ) -> tuple[Route, str]:
-    """Read a route file as `load_route` does, and return the SHA-256 of its bytes too.
+    """Return the route in a file as a section states it, and the SHA-256 of the file.
 
-    The arguments other than the path are checked by the caller. They are those of `load_route`, and
-    `down_km`, a shift down of a whole route in north, east, down [km], `altitude_m`, a shift up of
-    a whole route in latitude and longitude [m], and `sha256`, the digest that the file must have;
-    None allows any.
+    The origin, of `load_route`, is checked by the caller.
     """
-    track, digest = _read(path, altitude_above, icao24, sha256)
+    track, digest = _read(path, stated)
     if track.altitudes:
         if origin is None:
             raise track.error(
                 "latitude and longitude need the origin of the north-east-down frame, "
                 "geometry.origin in a scenario"
             )
-        if down_km:
+        if stated.down_km:
             raise track.error("down_km shifts north, east, down; here altitude_m shifts the route")
-        track.place[:, 2] += _above_ellipsoid(track, altitude_above, geoid_height_m) + altitude_m
+        track.place[:, 2] += _above_ellipsoid(track, stated) + stated.altitude_m
     elif origin is not None:
         raise track.error(
             "north, east and down have an origin already, "
             "an origin in latitude and longitude is not used here"
         )
-    elif (altitude_above, geoid_height_m) != (None, None):
+    elif (stated.altitude_above, stated.geoid_height_m) != (None, None):
         raise track.error(
             "altitude_above and geoid_height_m are for altitudes, "
             "and are not used with north, east and down"
         )
-    elif altitude_m:
+    elif stated.altitude_m:
         raise track.error("altitude_m shifts latitude and longitude; here down_km shifts the route")
     else:
-        track.place[:, 2] += 1e3 * down_km
+        track.place[:, 2] += 1e3 * stated.down_km
     if track.attitude is None and len(track.place) < 2:
         raise InputError(
             f"{path}: has {len(track.place)} row; attitude from the track needs 2 or more, or the "
             f"columns {', '.join(ATTITUDE_COLUMNS)}"
         )
-    time = _times(track, speed_m_s, max_gap_s)
+    time = _times(track, stated.speed_m_s, stated.max_gap_s)
     place, attitude = track.place, track.attitude
     position = place if origin is None else geodesy.ned_from_geodetic(place, origin)
     if attitude is None:
@@ -233,20 +214,18 @@ def read_route(
     return Route(time, aircraft, track.covariance, track.attitude is not None, origin), digest
 
 
-def _read(
-    path: str | Path, altitude_above: str | None, icao24: str | None, sha256: str | None
-) -> tuple[Track, str]:
+def _read(path: str | Path, stated: sections.Path) -> tuple[Track, str]:
     """Return the contents of a file, and its SHA-256."""
     if str(path).lower().endswith(".gpx"):
-        track, digest = read_gpx(path, sha256)
+        track, digest = read_gpx(path, stated.sha256)
     else:
-        with open_table(path, "a route file", sha256) as file:
+        with open_table(path, "a route file", stated.sha256) as file:
             if "icao24" in file.names:
-                pressure = altitude_above == "pressure"
-                track = read_state_vectors(file, pressure=pressure, icao24=icao24)
+                pressure = stated.altitude_above == "pressure"
+                track = read_state_vectors(file, pressure=pressure, icao24=stated.icao24)
                 return track, file.sha256()
             track, digest = _table(file), file.sha256()
-    if icao24 is not None:
+    if stated.icao24 is not None:
         raise InputError(f"{path}: icao24 is for files of ADS-B state vectors only")
     return track, digest
 
@@ -310,15 +289,10 @@ def _covariance(file: TableFile, rows: FloatArray, lines: NDArray[np.int64]) -> 
     return covariance
 
 
-def _above_ellipsoid(track: Track, above: str | None, height: float | None) -> float:
-    """Return the height of the zero of the altitudes above the ellipsoid [m].
-
-    Args:
-        track: The contents of the file.
-        above: What the altitudes are above; None for the convention of the format.
-        height: Height of the sea level above the ellipsoid [m].
-    """
-    above = above or track.altitudes[0]
+def _above_ellipsoid(track: Track, stated: sections.Path) -> float:
+    """Return the height of the zero of the altitudes above the ellipsoid [m]."""
+    above = stated.altitude_above or track.altitudes[0]  # the convention of the format
+    height = stated.geoid_height_m
     if above not in track.altitudes:
         allowed = " or ".join(track.altitudes)
         raise track.error(f"altitude_above: must be {allowed} for this file, got {above}")

@@ -55,13 +55,6 @@ from radar_sense.scenario_file.declare import (
     write,
     yes_no,
 )
-from radar_sense.scenario_file.route_file import (
-    ALTITUDES,
-    GEOID_HEIGHT,
-    ICAO24,
-    ICAO24_IN_WORDS,
-    SPEED,
-)
 
 SCHEMA_TITLE = "Scenario of radar-sense"
 _FILE = Text(r"[^\0\r\n]{1,1000}", "the name of a file")
@@ -70,6 +63,12 @@ _LOSS = Text(
     "[a-z][a-z0-9_]{0,29}",
     "the name of a loss, up to 30 letters a to z, digits and '_', a letter first",
 )
+SPEED = Limit(at_least=1e-3, at_most=1e5)
+#: The lowest and highest sea level above the ellipsoid [m], by EGM2008 −107 and 86.
+GEOID_HEIGHT = Limit(at_least=-110, at_most=90)
+#: What altitudes may be above.
+ALTITUDES = ("ellipsoid", "sea", "pressure")
+ICAO24 = Text("[0-9A-Fa-f]{6}", "6 digits 0 to 9 and a to f")
 _ANGLE = Limit(at_least=-360, at_most=360)
 _AZIMUTH = Limit(at_least=-360, at_most=720)
 #: Names of detectors elsewhere: a target that does not fluctuate is Swerling's case 0 or 5.
@@ -134,12 +133,12 @@ class PoseUncertainty:
 
     position_m: Any = key(
         "Uncertainty of north, east, down.",
-        deviations(3, NOT_NEGATIVE),
+        deviations(3),
         unless=("covariance", "rcs_db"),
     )
     attitude_deg: Any = key(
         "Uncertainty of roll, pitch, yaw.",
-        deviations(3, NOT_NEGATIVE),
+        deviations(3),
         unless=("covariance", "rcs_db"),
     )
     covariance: Any = key(
@@ -160,7 +159,7 @@ class RadarUncertainty:
     """The uncertainty of a radar at one level."""
 
     position_m: Any = key(
-        "Uncertainty of north, east, down.", deviations(3, NOT_NEGATIVE), unless=("covariance",)
+        "Uncertainty of north, east, down.", deviations(3), unless=("covariance",)
     )
     constant: Any = key(
         "Standard deviation of c_r [J m²/K], or standard deviations by parameter of its data "
@@ -464,7 +463,7 @@ class Path:
     )
     icao24: str | None = key(
         "Address of the aircraft in a file of ADS-B state vectors with several aircraft.",
-        Text(ICAO24, ICAO24_IN_WORDS),
+        ICAO24,
         default=None,
     )
     sha256: str | None = key("Digest that the file must have.", _SHA256, default=None)

@@ -60,16 +60,16 @@ class Cart:
     load_kg: float | None = key("Load [kg].", NOT_NEGATIVE, one_of="load")
     boxes: int | None = key("Boxes.", RUNS, one_of="load")
     life_s: float = key("Life.", number(NOT_NEGATIVE, infinite=True), default=0.0)
-    colour: str = key("Colour.", words("red", "green", "4", synonyms={"rot": "red"}), default="red")
+    colour: str = key("Colour.", words("red", "green", "4"), default="red")
     brake: bool = key("Brake.", yes_no(), default=False)
     place_m: Any = key("Place.", numbers(2), default=None)
-    std_m: Any = key("Deviations.", deviations(2, NOT_NEGATIVE), unless=("covariance",))
+    std_m: Any = key("Deviations.", deviations(2), unless=("covariance",))
     covariance: Any = key("Covariance.", matrix(2), default=None, instead_of=("std_m",))
     wheels: Any = key("Wheels.", list_of(Wheel, 2, "one wheel or more"), default=None)
     spare: Wheel | None = key("Spare wheel.", Wheel, default=None)
     runs_on: Any = key(
         "What it runs on.",
-        by_word("kind", {"wheel": Wheel, "sledge": Sledge}, bare=True),
+        by_word("kind", {"wheel": Wheel, "sledge": Sledge}, bare=True, synonyms={"sled": "sledge"}),
         default=None,
     )
     parts: Any = key("Parts.", named(LEVEL_NAME, number(ANY), "part"), default=None)
@@ -134,7 +134,6 @@ REFUSED = {
     "? [1]\n: 2": "2: keys must be plain words",
     "brake: yes": "2: brake: must be one of true, false, got 'yes'",
     "colour: rde": "2: colour: must be one of red, green, 4, got 'rde'; did you mean 'red'?",
-    "colour: rot": "2: colour: must be one of red, green, 4, got 'rot'; write 'red'",
     "place_m: [1]": "2: place_m: must be a list of 2 numbers, got a list of 1",
     "place_m:\n- 1\n- x": "4: place_m[2]: must be a number, got 'x'",
     "wheels: []": "2: wheels: must be a list of one wheel or more, got a list of 0",
@@ -143,6 +142,7 @@ REFUSED = {
     "spare: {}": "2: spare: missing key 'radius_m', required: radius_m",
     "spare: {radius_m: -1}": "2: spare.radius_m: must be a number greater than 0, got -1",
     "runs_on: air": "2: runs_on: must be one of wheel, sledge, got 'air'",
+    "runs_on: sled": "2: runs_on: must be one of wheel, sledge, got 'sled'; write 'sledge'",
     "runs_on: wheel": "2: runs_on: needs a mapping with 'kind' and radius_m",
     "runs_on: {radius_m: 1}": "2: runs_on: missing key 'kind', one of wheel, sledge",
     "runs_on: {knd: wheel}": "2: runs_on: unknown key 'knd', allowed: ...; did you mean 'kind'?",
