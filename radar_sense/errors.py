@@ -44,6 +44,11 @@ def shorten_list(names: Sequence[str]) -> str:
     return ", ".join(names[:6]) + more
 
 
+def reason(error: Exception) -> object:
+    """Return what an error of the system says, without its number and the name of the file."""
+    return getattr(error, "strerror", None) or error
+
+
 def check_choice(name: str, value: object, allowed: Iterable[str]) -> None:
     """Raise InputError unless a value is one of the allowed words."""
     words = list(allowed)

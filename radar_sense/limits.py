@@ -88,11 +88,13 @@ NAME = Text(
     f"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}",
     f"a name of up to {MAX_NAME} letters A to Z, digits, '_', '-' or '.'",
 )
-_LABEL = "[A-Za-z0-9][A-Za-z0-9_-]{0,39}"
-RADAR_NAME = Text(_LABEL, "the name of a radar, up to 40 letters A to Z, digits, '_' or '-'")
-LEVEL_NAME = Text(_LABEL, "the name of a level, up to 40 letters A to Z, digits, '_' or '-'")
-BAND = Text(_LABEL, "the name of a band, up to 40 letters A to Z, digits, '_' or '-'")
-TYPE = Text(_LABEL, "the name of a type, up to 40 letters A to Z, digits, '_' or '-'")
+RADAR_NAME, LEVEL_NAME, BAND, TYPE = (
+    Text(
+        "[A-Za-z0-9][A-Za-z0-9_-]{0,39}",
+        f"the name of a {what}, up to 40 letters A to Z, digits, '_' or '-'",
+    )
+    for what in ("radar", "level", "band", "type")
+)
 ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)

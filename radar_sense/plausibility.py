@@ -12,7 +12,7 @@ from radar_sense.acceptance.frames import attitude_off, turned_wrongly
 from radar_sense.acceptance.refinement import along, coarse_steps, scan
 from radar_sense.flight import Path
 from radar_sense.model.geodesy import geodetic_from_ned
-from radar_sense.model.geometry import body_vector, radar_from_aircraft, slant_range
+from radar_sense.model.geometry import body_vector, elevation_of, radar_from_aircraft, slant_range
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import BOUND_CHANGE
 from radar_sense.scenario import Scenario
@@ -149,10 +149,8 @@ def _elevation(scenario: Scenario) -> Iterator[str]:
     """Yield a warning if a table without elevations is used far above or below the aircraft."""
     level = [isinstance(m.rcs, TableRCS) and m.rcs.elevation is None for m in scenario.model.models]
     towards = np.stack([body_vector(scenario.aircraft, radar) for radar in scenario.radar_states])
-    x, y, z = np.moveaxis(towards, -1, 0)
-    elevation = np.abs(np.arctan2(z, np.hypot(x, y)))
     used = scenario.model.visible(scenario.aircraft, scenario.radar) & level
-    highest = np.max(elevation, axis=0, where=used.T, initial=0.0)
+    highest = np.max(np.abs(elevation_of(towards)), axis=0, where=used.T, initial=0.0)
     yield from placed(
         "table-level",
         highest > MAX_ELEVATION,

@@ -13,7 +13,7 @@ from radar_sense.axis import Axis, reached, runs_of
 from radar_sense.command import Result, Table
 from radar_sense.covariance import square_root
 from radar_sense.model.detectors import CFARS, DETECTORS, Detector, PulseDetector
-from radar_sense.model.geometry import body_vector
+from radar_sense.model.geometry import body_vector, elevation_of
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import MonteCarlo
 from radar_sense.montecarlo.statistics import DrawStatistics
@@ -562,9 +562,10 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> Iterator[str]
         by_radar = square_root(one.levels[scenario.level].covariance).T
         variance = np.zeros(len(aircraft))
         for a, r in (*((a, 0.0) for a in by_aircraft), *((0.0, r) for r in by_radar)):
-            above, below = (_elevation(aircraft + s * a, radar + s * r) for s in (1, -1))
+            ends = (body_vector(aircraft + s * a, radar + s * r) for s in (1, -1))
+            above, below = map(elevation_of, ends)
             variance += (0.5 * (above - below)) ** 2
-        elevation, std = _elevation(aircraft, radar), np.sqrt(variance)
+        elevation, std = elevation_of(body_vector(aircraft, radar)), np.sqrt(variance)
         outside |= (elevation - 3 * std < low) & (low > -POLE)
         outside |= (elevation + 3 * std > high) & (high < POLE)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -579,9 +580,3 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> Iterator[str]
             f"({draws}{np.count_nonzero(outside)} of {len(outside)} poses); the outermost values "
             "of the table are used there",
         )
-
-
-def _elevation(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
-    """Return the elevation (n,) [rad] of a radar from the aircraft, positive above."""
-    x, y, z = np.moveaxis(body_vector(aircraft, radar), -1, 0)
-    return np.asarray(np.arctan2(-z, np.hypot(x, y)))

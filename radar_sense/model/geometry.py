@@ -146,6 +146,12 @@ def body_vector(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
     return join(Attitude.from_state(aircraft).to_body(radar_from_aircraft(aircraft, radar)))
 
 
+def elevation_of(body_vectors: FloatArray) -> FloatArray:
+    """Return the elevation (...) [rad] of body-frame vectors (..., 3), positive above."""
+    x, y, z = split(body_vectors)
+    return np.asarray(np.arctan2(-z, np.hypot(x, y)))
+
+
 def slant_range(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
     """Return the distance from aircraft (..., 6) to radar (..., 4) [m], eq. (5) of the paper."""
     x, y, z = radar_from_aircraft(aircraft, radar)

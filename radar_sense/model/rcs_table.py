@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError
 from radar_sense.limits import LARGEST, POSITIVE, SMALLEST, Limit, check_number
-from radar_sense.model.geometry import join, split
+from radar_sense.model.geometry import elevation_of, join, split
 from radar_sense.model.rcs import rcs_model
 from radar_sense.states import FloatArray, real_array
 
@@ -172,10 +172,9 @@ class TableRCS:
 
     def uncovered(self, body_vector: FloatArray) -> NDArray[np.bool_]:
         """Return which body-frame vectors (..., 3) are outside the elevations of the table."""
-        x, y, z = split(np.asarray(body_vector, dtype=float))
+        elevation = elevation_of(np.asarray(body_vector, dtype=float))
         if self.elevation is None:
-            return np.zeros(x.shape, dtype=bool)
-        elevation = np.arctan2(-z, np.hypot(x, y))
+            return np.zeros(elevation.shape, dtype=bool)
         rounding = 1e-9
         low, high = self.elevation[0] - rounding, self.elevation[-1] + rounding
         outside: NDArray[np.bool_] = (elevation < low) | (elevation > high)

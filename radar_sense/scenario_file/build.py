@@ -13,7 +13,7 @@ from radar_sense import axis
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.flight import CERTAIN, Geometry, Orbit, Path, Radial
 from radar_sense.limits import DEG, MIN_RANGE
-from radar_sense.model.geometry import body_vector, slant_range
+from radar_sense.model.geometry import body_vector, elevation_of, slant_range
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
@@ -99,8 +99,7 @@ def _rcs(stated: Any, place: Place) -> tuple[RCS, Any]:
         return stated, stated
     path = FilePath(place.file).parent / stated.file
     envelope = None if stated.envelope_deg is None else stated.envelope_deg * DEG
-    options = {"mirror": stated.mirror, "envelope": envelope, "sha256": stated.sha256}
-    table, sha256 = read_from(place, read_rcs_table, path, **options)
+    table, sha256 = read_from(place, read_rcs_table, path, stated.mirror, envelope, stated.sha256)
     return table, dataclasses.replace(stated, file=recorded(path), sha256=sha256)
 
 
@@ -117,10 +116,7 @@ def _geometry(file: sections.File, place: Place) -> tuple[Geometry, Any]:
         kind = "a radial" if isinstance(file.geometry, sections.Radial) else "an orbit"
         raise place["aircraft"].error(f"missing key 'attitude_deg', required on {kind}")
     stated, level = file.geometry, np.array(attitude) * DEG
-    of_both: dict[str, Any] = {
-        "down": stated.down_km * KM,
-        "azimuth_from": stated.azimuth_from,
-    }
+    of_both: dict[str, Any] = {"down": stated.down_km * KM, "azimuth_from": stated.azimuth_from}
     if isinstance(stated, sections.Radial):
         along = axis.ground_range(_steps(stated.range_km, place["geometry"]["range_km"]["step"]))
         return Radial.of(along, level, azimuth=float(stated.azimuth_deg), **of_both), stated
@@ -213,10 +209,9 @@ def _refuse_uncovered(place: Place, geometry: Geometry, radar: Radar) -> None:
     body = body_vector(geometry.aircraft, np.asarray(radar.state))
     outside = np.flatnonzero(rcs.uncovered(body))
     if len(outside):
-        x, y, z = body[outside[0]]
         raise place.error(
             f"at {geometry.axis.name} {geometry.axis.at(outside[0])} the aircraft sees "
-            f"{_called(radar)} at elevation {np.arctan2(-z, np.hypot(x, y)) / DEG:.3g} deg, the "
+            f"{_called(radar)} at elevation {elevation_of(body[outside[0]]) / DEG:.3g} deg, the "
             f"RCS table covers {rcs.elevation[0] / DEG:g} to {rcs.elevation[-1] / DEG:g} deg"
         )
 

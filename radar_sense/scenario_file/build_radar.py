@@ -1,4 +1,7 @@
-"""From the sections of radars to `Radar`: data sheets, levels, types, and what they depend on."""
+"""From the sections of radars to `Radar`: data sheets, levels, types, and what they depend on.
+
+Everywhere `stated` is a section, and `place` is where the file has it, for errors.
+"""
 
 from __future__ import annotations
 
@@ -119,8 +122,8 @@ def _radar(
     Args:
         stated: Its section.
         levels: Its levels of uncertainty.
-        place: The section, for errors.
-        at_levels: The levels, for errors.
+        place: Where the section is.
+        at_levels: Where the levels are.
         rcs: RCS of the aircraft by band.
         geometry: The poses, which have the frame.
         types: What the radars of a type share.
@@ -159,10 +162,7 @@ def _by_direction(
 ) -> tuple[sections.Radar, ElevationGain | None, Mask | None]:
     """Return the section of a radar with the digests of its files, its antenna and its mask.
 
-    Args:
-        stated: The section.
-        place: The section, for errors.
-        axes: North, east and down (3, 3) at the radar, in the frame of the poses.
+    The axes (3, 3) are north, east and down at the radar, in the frame of the poses.
     """
     antenna = mask = None
     if stated.elevation_gain is not None:
@@ -270,7 +270,7 @@ def _level(
 
     Args:
         stated: The section.
-        place: The section, for errors.
+        place: Where it is.
         sheet: Data sheet of the radar, or None.
         model: Detection model of the radar.
         turn: Turn (3, 3) to the frame from north, east and down at a radar in latitude and
@@ -359,8 +359,8 @@ def _data_sheet(stated: sections.Radar, place: Place) -> DataSheet | None:
     if kind is None:
         return None
     sheet, place = getattr(stated, kind), place[kind]
-    given = {k.name: v for k in keys_of(type(sheet)) if (v := getattr(sheet, k.name)) is not None}
-    losses: dict[str, float] = given.pop(LOSSES_KEY, {})
+    losses: Mapping[str, float] = getattr(sheet, LOSSES_KEY) or {}
+    given = _given(sheet)
     factor = given.pop("search_factor", None)
     arguments: dict[str, Any] = {LOSSES_KEY: losses, "loss_db": 0.0}
     for f in dataclasses.fields(RADARS[kind]):
@@ -380,8 +380,15 @@ def _data_sheet(stated: sections.Radar, place: Place) -> DataSheet | None:
         raise place.error(
             f"makes the radar constant {constant:g} J m^2/K, allowed is {SMALLEST:g} to {LARGEST:g}"
         )
-    values = {**given, **{loss_key(name): loss for name, loss in losses.items()}}
-    return DataSheet(kind, constant, values)
+    return DataSheet(kind, constant, given)
+
+
+def _given(section: Any) -> dict[str, Any]:
+    """Return the parameters of a data sheet that a section has, the losses by `loss_key`."""
+    values = {k.name: getattr(section, k.name) for k in keys_of(type(section))}
+    losses = values.pop(LOSSES_KEY) or {}
+    given = {name: value for name, value in values.items() if value is not None}
+    return given | {loss_key(name): loss for name, loss in losses.items()}
 
 
 def _tolerances(stated: Any, place: Place, sheet: DataSheet | None) -> tuple[Tolerance, ...]:
@@ -391,12 +398,9 @@ def _tolerances(stated: Any, place: Place, sheet: DataSheet | None) -> tuple[Tol
             f"must be {NOT_NEGATIVE}, got a mapping; standard deviations by parameter need "
             f"{' or '.join(f'radar.{kind}' for kind in RADARS)} in place of radar.constant"
         )
-    given = {k.name: v for k in keys_of(type(stated)) if (v := getattr(stated, k.name)) is not None}
-    losses = given.pop(LOSSES_KEY, {})
-    stds = {**given, **{loss_key(name): loss for name, loss in losses.items()}}
-    limits = {name: v.half_width for name, v in stds.items() if hasattr(v, "half_width")}
-    # JCGM 101:2008, 6.4.2
-    std = {name: limits[name] / math.sqrt(3.0) if name in limits else stds[name] for name in stds}
+    std = _given(stated)
+    limits = {n: v.half_width for n, v in std.items() if isinstance(v, sections.HalfWidth)}
+    std |= {name: limit / math.sqrt(3.0) for name, limit in limits.items()}  # JCGM 101:2008, 6.4.2
     allowed = [name for name in sheet.values if name != "coherent_pulses"]
     if not std:
         raise place.error(f"needs at least one of the keys {', '.join(allowed)}")

@@ -24,18 +24,18 @@ def origin_of(geometry: Geometry) -> tuple[float, float, float] | None:
     return geometry.origin if isinstance(geometry, Path) else None
 
 
-def on_earth(place: sections.Place) -> tuple[float, float, float]:
+def on_earth(place: sections.Geodetic) -> tuple[float, float, float]:
     """Return latitude, longitude [rad] and height [m]."""
     return place.latitude_deg * DEG, place.longitude_deg * DEG, float(place.altitude_m)
 
 
-def read_from(place: Place, read: Any, *args: Any, **options: Any) -> Any:
+def read_from(place: Place, read: Any, *args: Any) -> Any:
     """Read another file. Errors about the file as a whole get the place of the key that names it.
 
     Errors with a line of the other file stay as they are.
     """
     try:
-        return read(*args, **options)
+        return read(*args)
     except DigestError as error:
         raise place["sha256"].error(f"{error}") from error
     except FileError as error:

@@ -25,21 +25,12 @@ _TURN_DEG = 360.0
 
 
 def read_curve(
-    path: str | Path, kind: str, columns: Mapping[str, Column], sha256: str | None = None
+    path: str | Path, kind: str, columns: Mapping[str, Column], sha256: str | None
 ) -> tuple[FloatArray, FloatArray, str]:
-    """Read a value over an angle.
+    """Return angles (n,) and values (n,) in SI or decibels, and the SHA-256 of the file.
 
-    Args:
-        path: The file.
-        kind: What the file is, in words.
-        columns: `GAIN_COLUMNS` or `MASK_COLUMNS`.
-        sha256: Digest that the file must have; None allows any.
-
-    Returns:
-        Angles (n,) and values (n,) in SI or decibels, and the SHA-256 of the file.
-
-    Raises:
-        InputError: If the file cannot be read or anything in the file is not allowed.
+    The columns are `GAIN_COLUMNS` or `MASK_COLUMNS`. The other arguments and the errors are those
+    of `open_text`.
     """
     with open_table(path, kind, sha256) as file:
         file.require_known(columns, " and ".join(columns))

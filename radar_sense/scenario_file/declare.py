@@ -597,11 +597,12 @@ def list_of(cls: type, most: int, what: str) -> Kind:
     """
 
     def read_list(place: Place) -> tuple[Any, ...]:
-        if not place.is_list or not place.entries():
+        entries = place.entries() if place.is_list else []
+        if not entries:
             raise place.wrong(f"a list of {what}")
-        if len(place.entries()) > most:
-            raise place.error(f"has {len(place.entries())} entries, allowed are {most}")
-        return tuple(read(entry, cls) for entry in place.entries())
+        if len(entries) > most:
+            raise place.error(f"has {len(entries)} entries, allowed are {most}")
+        return tuple(read(entry, cls) for entry in entries)
 
     return Kind(
         "",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from radar_sense.scenario_file import declare, sections
 from radar_sense.scenario_file.build import build
 from radar_sense.scenario_file.changes import change
 from radar_sense.scenario_file.place import parse
+from radar_sense.scenario_file.starters import template
 from radar_sense.scenario_file.text_file import decoded, open_text
 
 #: Largest scenario file. A scenario is a page of text, far smaller than this.
@@ -23,7 +23,7 @@ MAX_BYTES = 64 * 1024
 
 def default_text() -> str:
     """Return the text of the embedded scenario, which is the scenario of the paper."""
-    return resources.files("radar_sense").joinpath("paper.yaml").read_text(encoding="utf-8")
+    return template("").read_text(encoding="utf-8")
 
 
 def load_scenario(

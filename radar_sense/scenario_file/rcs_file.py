@@ -63,27 +63,16 @@ def load_rcs_table(
     Raises:
         InputError: If the file cannot be read or anything in the file is not allowed.
     """
-    table, _ = read_rcs_table(path, mirror=mirror, envelope=envelope)
+    table, _ = read_rcs_table(path, mirror, envelope, None)
     return table
 
 
 def read_rcs_table(
-    path: str | Path,
-    *,
-    mirror: bool = False,
-    envelope: float | None = None,
-    sha256: str | None = None,
+    path: str | Path, mirror: bool, envelope: float | None, sha256: str | None
 ) -> tuple[TableRCS, str]:
-    """Read an RCS table as `load_rcs_table` does, and return the SHA-256 of its bytes too.
+    """Return the table in a file as `load_rcs_table` does, and the SHA-256 of the file.
 
-    Args:
-        path: The file.
-        mirror: As in `load_rcs_table`.
-        envelope: As in `load_rcs_table`.
-        sha256: Digest that the file must have; None allows any.
-
-    Raises:
-        InputError: If the file cannot be read or anything in the file is not allowed.
+    None allows a file of any digest.
     """
     with open_table(path, "an RCS table", sha256) as file:
         file.require_known(COLUMNS, ", ".join(COLUMNS))

@@ -58,7 +58,6 @@ from radar_sense.scenario_file.declare import (
 
 SCHEMA_TITLE = "Scenario of radar-sense"
 _FILE = Text(r"[^\0\r\n]{1,1000}", "the name of a file")
-_SHA256 = Text("[0-9a-f]{64}", "64 digits 0 to 9 and a to f")
 _LOSS = Text(
     "[a-z][a-z0-9_]{0,29}",
     "the name of a loss, up to 30 letters a to z, digits and '_', a letter first",
@@ -71,12 +70,19 @@ ALTITUDES = ("ellipsoid", "sea", "pressure")
 ICAO24 = Text("[0-9A-Fa-f]{6}", "6 digits 0 to 9 and a to f")
 _ANGLE = Limit(at_least=-360, at_most=360)
 _AZIMUTH = Limit(at_least=-360, at_most=720)
+#: Meaning and kind of the keys that several sections have.
+_CSV_FILE = "Name of a CSV file, from the folder of the scenario file.", _FILE
+_DIGEST = "Digest that the file must have.", Text("[0-9a-f]{64}", "64 digits 0 to 9 and a to f")
+_AZIMUTH_FROM = (
+    "Direction of azimuth 0: east as in the paper, or north as on a compass.",
+    words("east", "north"),
+)
 #: Names of detectors elsewhere: a target that does not fluctuate is Swerling's case 0 or 5.
 _STEADY = dict.fromkeys(("swerling0", "swerling5"), "marcum")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class Geodetic:
     """A place on the earth."""
 
     latitude_deg: float = key("WGS-84 latitude.", Limit(at_least=-90, at_most=90))
@@ -240,8 +246,8 @@ Surveillance, Tracking = _data_sheet("surveillance"), _data_sheet("tracking")
 class DataFile:
     """A file beside the scenario file, and what it must have in it."""
 
-    file: str = key("Name of a CSV file, from the folder of the scenario file.", _FILE)
-    sha256: str | None = key("Digest that the file must have.", _SHA256, default=None)
+    file: str = key(*_CSV_FILE)
+    sha256: str | None = key(*_DIGEST, default=None)
 
 
 #: The name of a file, or a `DataFile`.
@@ -255,8 +261,8 @@ class Radar:
     position_m: tuple[float, float, float] | None = key(
         "North, east, down of the radar.", numbers(3), one_of="position"
     )
-    position_geodetic: Place | None = key(
-        "Place of the radar, with a route in latitude and longitude.", Place, one_of="position"
+    position_geodetic: Geodetic | None = key(
+        "Place of the radar, with a route in latitude and longitude.", Geodetic, one_of="position"
     )
     p_fa: float = key("Probability of false alarm.", PROBABILITY)
     constant: float | None = key("Radar constant c_r [J m²/K].", POSITIVE, one_of="constant")
@@ -334,14 +340,14 @@ class NamedRadar(Radar, _Name):  # in this order the name is the first key
 class Table:
     """An RCS table."""
 
-    file: str = key("Name of a CSV file, from the folder of the scenario file.", _FILE)
+    file: str = key(*_CSV_FILE)
     mirror: bool = key(
         "Whether the file has one half of a symmetric aircraft.", yes_no(), default=False
     )
     envelope_deg: float | None = key(
         "Half width of the envelope of the table.", ENVELOPE, default=None
     )
-    sha256: str | None = key("Digest that the file must have.", _SHA256, default=None)
+    sha256: str | None = key(*_DIGEST, default=None)
 
 
 #: The RCS models by name, with the section of a table. A model may be added at any time.
@@ -386,11 +392,7 @@ class Orbit:
     range_km: float = key("Horizontal radius of the orbit.", NOT_NEGATIVE)
     down_km: float = key("Down coordinate of the orbit.", ANY)
     azimuth_deg: Sweep = key("Azimuths of the poses.", Sweep)
-    azimuth_from: str = key(
-        "Direction of azimuth 0: east as in the paper, or north as on a compass.",
-        words("east", "north"),
-        default="east",
-    )
+    azimuth_from: str = key(*_AZIMUTH_FROM, default="east")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -409,11 +411,7 @@ class Radial:
     range_km: Ranges = key("Ground ranges of the poses from the origin.", Ranges)
     azimuth_deg: float = key("Azimuth of the line.", _AZIMUTH)
     down_km: float = key("Down coordinate of the line.", ANY)
-    azimuth_from: str = key(
-        "Direction of azimuth 0: east as in the paper, or north as on a compass.",
-        words("east", "north"),
-        default="east",
-    )
+    azimuth_from: str = key(*_AZIMUTH_FROM, default="east")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -430,8 +428,8 @@ class Path:
 
     file: str = key("Name of a route file, from the folder of the scenario file.", _FILE)
     axis: str = key("Axis of tables and figures.", words("time", "distance"), default="time")
-    origin: Place | None = key(
-        "Origin of the frame of a route in latitude and longitude.", Place, default=None
+    origin: Geodetic | None = key(
+        "Origin of the frame of a route in latitude and longitude.", Geodetic, default=None
     )
     interpolate: Interpolation | None = key(
         "Poses at equal steps of time; without it the rows of the file.",
@@ -466,7 +464,7 @@ class Path:
         ICAO24,
         default=None,
     )
-    sha256: str | None = key("Digest that the file must have.", _SHA256, default=None)
+    sha256: str | None = key(*_DIGEST, default=None)
 
 
 # The file.

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from radar_sense.errors import InputError, describe, shorten
+from radar_sense.errors import InputError, describe, reason, shorten
 from radar_sense.limits import Limit
 
 #: Longest line [bytes]. The longest line that a program writes has 28 numbers, under 1 KiB.
@@ -127,8 +127,7 @@ def open_text(
     except InputError:
         raise
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
-        reason = getattr(error, "strerror", None) or error
-        raise FileError(f"{path}: cannot be read: {reason}") from error
+        raise FileError(f"{path}: cannot be read: {reason(error)}") from error
 
 
 def decoded(data: bytes, source: str, first_line: int = 1) -> str:

@@ -84,15 +84,7 @@ class Track:
 
 
 def read_gpx(path: str | Path, sha256: str | None = None) -> tuple[Track, str]:
-    """Read a GPX file, and return the SHA-256 of its bytes too.
-
-    Args:
-        path: The file.
-        sha256: Digest that the file must have; None allows any.
-
-    Raises:
-        InputError: If the file cannot be read or anything in the file is not allowed.
-    """
+    """Return the contents of a GPX file, and its SHA-256; for errors see `open_text`."""
     with open_text(path, "a GPX file", _GPX_BYTES, sha256) as file:
         reader = _GpxReader(file.source)
         while data := file.read(_PIECE):
