@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import ast
 import logging
 import math
 import os
@@ -31,6 +30,7 @@ from radar_sense.errors import (
     describe,
     did_you_mean,
     printable,
+    reason,
 )
 from radar_sense.limits import FORMATS, STYLES, Limit
 
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from radar_sense.progress import Listener
     from radar_sense.scenario import Scenario
 
-#: The file of each command: in this folder, and named as the command.
-FOLDER = Path(__file__).parent / "analyses"
 #: Groups of commands in the help, and the commands in the order of their use.
 GROUPS = {
     "Start": ("init", "check", "variance", "budget", "report"),
@@ -63,6 +61,33 @@ MOST_RECORD = 2**26
 ANSWER_IS_NO = 3
 
 
+#: Options of several commands.
+SET = click.Option(
+    ["--set", "changes"],
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Another value of a key of CONFIG, such as radar.p_fa=1e-8; may be given several times.",
+)
+OUT = click.Option(
+    ["--out"],
+    metavar="DIR",
+    default="figures",
+    show_default=True,
+    type=click.Path(path_type=Path),
+    help="Folder to write to.",
+)
+STYLE = click.Option(
+    ["--style"],
+    default=STYLES[0],
+    show_default=True,
+    type=click.Choice(STYLES),
+    help="Size of the figure.",
+)
+NO_PLOT = click.Option(["--no-plot"], is_flag=True, help="Write no figure.")
+JSON = click.Option(["--json"], is_flag=True, help="Print the record in place of the words.")
+QUIET = click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors.")
+
+
 class BadInput(click.ClickException):
     """Input that the user can correct; one line and exit code 2."""
 
@@ -83,20 +108,23 @@ class Run:
 
 
 @cache
-def commands(folder: Path = FOLDER) -> Mapping[str, Path]:
-    """Return the file of each analysis by the name of its command."""
-    files = {path.stem: path for path in sorted(folder.glob("*.py"))}
+def commands() -> Mapping[str, str]:
+    """Return the first line of each analysis by the name of its command, which the file has.
+
+    The files are read and not imported. Other files of the folder are shared by commands.
+    """
+    folder = Path(__file__).parent / "analyses"
+    texts = {path.stem: path.read_text("utf-8") for path in sorted(folder.glob("*.py"))}
     return {
-        name: path
-        for name, path in files.items()
-        if any(mark in path.read_text("utf-8") for mark in ("\n@command(", " = Command("))
+        name: text.partition("\n")[0].strip('"')
+        for name, text in texts.items()
+        if any(mark in text for mark in ("\n@command(", " = Command("))
     }
 
 
 def load(name: str) -> Command:
     """Import a command."""
-    module = import_module(f"radar_sense.analyses.{name}")
-    found: Command = next(v for v in vars(module).values() if getattr(v, "name", None) == name)
+    found: Command = getattr(import_module("radar_sense.analyses"), name)
     return found
 
 
@@ -128,15 +156,12 @@ class Cli(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the groups of commands, each with its first line of help."""
-        lines = {
-            name: (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "")
-            for name, path in commands().items()
-        }
-        lines |= {name: c.get_short_help_str(100) for name, c in self.commands.items()}
+        own = {name: command.get_short_help_str(100) for name, command in self.commands.items()}
+        lines = {**commands(), **own}
         grouped = {name for names in GROUPS.values() for name in names}
         groups = {**GROUPS, STUDY: [name for name in sorted(lines) if name not in grouped]}
         for group, names in groups.items():
-            rows = [(name, lines[name].partition("\n")[0]) for name in names if name in lines]
+            rows = [(name, lines[name]) for name in names if name in lines]
             if rows:
                 with formatter.section(group):
                     formatter.write_dl(rows)
@@ -253,7 +278,7 @@ def command_of(analysis: Command) -> click.Command:
         params=[
             _config(analysis),
             *(_option(option) for option in analysis.options if not option.positional),
-            _set(),
+            SET,
             *_output(analysis),
         ],
         help=f"{analysis.help}\n\n\b\nExamples:{examples}",
@@ -272,7 +297,7 @@ def _option(option: Option) -> click.Option:
         type=None if option.limit is None else Number(option.limit),
         default=option.default,
         show_default=option.default is not None and not option.flag,
-        shell_complete=lambda ctx, _, start: [w for w in option.words if w.startswith(start)],
+        shell_complete=lambda ctx, _, start: [w for w in option.choices if w.startswith(start)],
         **several,
     )
 
@@ -308,55 +333,23 @@ def _by_place(
     return config, chosen
 
 
-def _set() -> click.Option:
-    return click.Option(
-        ["--set", "changes"],
-        multiple=True,
-        metavar="KEY=VALUE",
-        help="Another value of a key of CONFIG, such as radar.p_fa=1e-8; may be given several "
-        "times.",
-    )
-
-
-def _quiet() -> click.Option:
-    return click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors.")
-
-
 def _output(analysis: Command) -> list[click.Parameter]:
-    if not analysis.writes:
-        return [_quiet()]
-    out = click.Option(
-        ["--out"],
-        metavar="DIR",
-        default="figures",
-        show_default=True,
-        type=click.Path(path_type=Path),
-        help="Folder to write to.",
-    )
-    if not analysis.has_figures:
-        return [out, _quiet()]
-    more = ", or of the map on the earth" if set(analysis.formats) - set(FORMATS) else ""
-    return [
-        out,
-        click.Option(
+    """Return the options of the output: of a command without files, of one without figures."""
+    options: list[click.Parameter] = []
+    if analysis.writes:
+        options.append(OUT)
+    if analysis.writes and analysis.has_figures:
+        more = ", or of the map on the earth" if set(analysis.formats) - set(FORMATS) else ""
+        formats = click.Option(
             ["--format", "formats"],
             multiple=True,
             default=["png"],
             show_default=True,
             type=click.Choice(analysis.formats),
             help=f"Format of the figure{more}; may be given several times.",
-        ),
-        click.Option(
-            ["--style"],
-            default=STYLES[0],
-            show_default=True,
-            type=click.Choice(STYLES),
-            help="Size of the figure.",
-        ),
-        click.Option(["--no-plot"], is_flag=True, help="Write no figure."),
-        click.Option(["--json"], is_flag=True, help="Print the record in place of the words."),
-        _quiet(),
-    ]
+        )
+        options += [formats, STYLE, NO_PLOT, JSON]
+    return [*options, QUIET]
 
 
 def _run(
@@ -429,8 +422,7 @@ def _require_writable(out: Path, paths: list[Path], inputs: list[Path]) -> None:
     try:
         require_writable(paths, inputs)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise BadInput(f"--out: cannot write to {out}: {reason}") from error
+        raise BadInput(f"--out: cannot write to {out}: {reason(error)}") from error
 
 
 def _interrupts_are_exceptions() -> None:
@@ -517,8 +509,7 @@ def init(file: Path, name: str | None, quiet: bool, **kinds: bool) -> None:
     try:
         write(file.parent, {name: text.encode() for name, text in contents.items()})
     except (OSError, ValueError) as error:  # ValueError: a zero byte in a name
-        reason = getattr(error, "strerror", None) or error
-        raise BadInput(f"{file}: cannot be written: {reason}") from error
+        raise BadInput(f"{file}: cannot be written: {reason(error)}") from error
     if not quiet:
         first, *others = map(str, paths)
         beside = f", with {' and '.join(others)}" if others else ""

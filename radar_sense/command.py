@@ -62,8 +62,7 @@ class Option:
         default: The default value.
         default_text: The default in words, if the value is None.
         count: Number of values of the option.
-        choices: The words allowed, if they do not depend on the scenario.
-        also: Words allowed besides the choices.
+        choices: The words allowed; () for a number, or if they depend on the scenario.
         flag: Whether the option takes no value.
         multiple: Whether the option may be given several times.
         positional: Whether the command line has the value without the name, after CONFIG.
@@ -77,15 +76,9 @@ class Option:
     default_text: str = ""
     count: int = 1
     choices: Collection[str] = ()
-    also: tuple[str, ...] = ()
     flag: bool = False
     multiple: bool = False
     positional: bool = False
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """All words allowed; () for any text or a number."""
-        return (*self.choices, *self.also)
 
     def checked(self, value: Any) -> Any:
         """Return a value as the command takes it: numbers of Python, several in a tuple.
@@ -104,8 +97,8 @@ class Option:
     def _checked(self, value: Any) -> Any:
         if self.limit is not None:
             return check_number(self.name, value, self.limit)
-        if self.words:
-            check_choice(self.name, value, self.words)
+        if self.choices:
+            check_choice(self.name, value, self.choices)
         value = plain_number(value) if self.flag else value
         kind, allowed = (bool, "True or False") if self.flag else (str, "text")
         if not isinstance(value, kind):
@@ -153,9 +146,10 @@ COURSE_DEG = Option(
 )
 #: Version of the keys of the JSON record, see docs/questions/use.md.
 RECORD = 1
-_OF_SCENARIO = {
-    option.name: option for option in (LEVEL, ONE_RADAR, METHOD, NUMBER_OF_RUNS, SEED_OF_DRAWS)
-}
+#: Keywords of every command, which choose what the scenario states.
+_OF_SCENARIO = tuple(
+    option.name for option in (LEVEL, ONE_RADAR, METHOD, NUMBER_OF_RUNS, SEED_OF_DRAWS)
+)
 
 
 class Column(NamedTuple):
@@ -478,13 +472,5 @@ def command(
     exports: tuple[str, ...] = (),
     writes: bool = True,
 ) -> Callable[[Callable[..., Result]], Command]:
-    """Make a command of a function from a scenario to a result.
-
-    Args:
-        options: The options of the command line.
-        examples: Command lines for the help.
-        name: Name of the command; of the function by default.
-        exports: Formats that the result can have besides figures.
-        writes: Whether the command line writes files.
-    """
+    """Make a command of a function from a scenario to a result; the rest is as in `Command`."""
     return lambda run: Command(run, options, tuple(examples), name, exports, writes)

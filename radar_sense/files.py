@@ -17,7 +17,6 @@ import secrets
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,6 +80,8 @@ def _finite(value: Any) -> Any:
 @cache
 def versions() -> Mapping[str, str]:
     """Return the versions of the tool, of Python and of the packages, or "unknown"."""
+    from importlib.metadata import PackageNotFoundError, version  # which `init` does not need
+
     found = dict.fromkeys(_PACKAGES, "unknown")
     for package in _PACKAGES:
         with contextlib.suppress(PackageNotFoundError):  # a package without installed metadata

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import pickle
-import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -19,6 +18,7 @@ import pytest
 from click.testing import CliRunner
 from helpers import few_judging_draws
 
+from radar_sense import analyses
 from radar_sense import cli as command_line
 from radar_sense.cli import cli
 from radar_sense.command import Command, Result, command
@@ -123,9 +123,8 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], No
             result.draw = lambda figure: figure.subplots()
             return result
 
-        module = type(os)("radar_sense.analyses.fake")
-        module.fake = command(examples=("radar-sense fake",), name="fake")(run)
-        monkeypatch.setitem(sys.modules, module.__name__, module)
+        fake = command(examples=("radar-sense fake",), name="fake")(run)
+        monkeypatch.setattr(analyses, "fake", fake, raising=False)
         monkeypatch.setattr(command_line, "commands", lambda: {**known, "fake": known["budget"]})
 
     return register

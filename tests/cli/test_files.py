@@ -10,6 +10,7 @@ import signal
 import stat
 import tracemalloc
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -135,9 +136,9 @@ def test_files_are_replaced_and_follow_the_umask(folder, mask):
 
 def test_a_package_without_metadata_does_not_lose_a_run(tool, monkeypatch):
     def version(name: str) -> str:
-        raise files.PackageNotFoundError(name)
+        raise metadata.PackageNotFoundError(name)
 
-    monkeypatch.setattr(files, "version", version)
+    monkeypatch.setattr(metadata, "version", version)
     monkeypatch.setattr(files, "versions", files.versions.__wrapped__)  # without those known
     assert tool("variance", "--no-plot").code == 0
     record = json.loads(Path("figures/paper_variance.json").read_text())
