@@ -50,7 +50,7 @@ ROUNDING, ALIKE = 1e-12, 1e-6
 BEARING, ASPECT = "bearing", "aspect"
 ANGLES = {
     BEARING: "Bearing from the radar, clockwise from north.",
-    ASPECT: "With --by aspect: azimuth in the body frame, clockwise from the nose.",
+    ASPECT: "With --by aspect: bearing of the radar from the heading, in the level plane.",
 }
 
 
@@ -67,7 +67,7 @@ ANGLES = {
     ),
     Option(
         "by",
-        "Angle of the table; by aspect, the aircraft turns at one bearing.",
+        "Angle of the table; by aspect, the aircraft turns at the bearing of the first pose.",
         metavar="bearing|aspect",
         default=BEARING,
         choices=(BEARING, ASPECT),

@@ -62,8 +62,8 @@ class Rays:
             aircraft.
         pose: State of the aircraft (6,). Only down, roll and pitch are used. With an origin, down
             is minus the height above the origin.
-        aspect: Azimuth of the radar from the nose (n,) [rad], which gives the yaw with an origin:
-            north is another direction at each distance. None for rays of one yaw each.
+        aspect: Bearing of the radar from the heading (n,) [rad], which gives the yaw with an
+            origin: north is another direction at each distance. None for rays of one yaw each.
     """
 
     scenario: Scenario
@@ -141,9 +141,9 @@ def rays(
     Args:
         scenario: The scenario. Height and attitude of the aircraft are taken from the first pose.
             With `by_aspect` the bearing is, too.
-        angle: Bearing (n,) [rad], clockwise from north. With `by_aspect` the azimuth of the radar
-            in the body frame, clockwise from the nose.
-        by_aspect: Whether the aircraft turns at one bearing.
+        angle: Bearing (n,) [rad], clockwise from north. With `by_aspect` the bearing of the radar
+            from the heading, in the level plane at the aircraft.
+        by_aspect: Whether the aircraft turns at the first pose's bearing.
         down: Down coordinate [m]; the first pose's if None.
         course: Yaw [rad]; the first pose's if None.
     """
