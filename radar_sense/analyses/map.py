@@ -340,7 +340,8 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
 
 def _pose_in_words(summary: Mapping[str, Any]) -> str:
     """Describe the height and the heading of the aircraft in the cells."""
-    roll, pitch, yaw = summary["attitude_deg"]
+    # on the earth the level plane of the cell has another roll, pitch and yaw, with rounding
+    roll, pitch, yaw = (round(angle, 9) + 0.0 for angle in summary["attitude_deg"])
     heading = "worst heading" if summary["worst_heading"] else f"heading {yaw:.4g} deg"
     level = max(abs(roll), abs(pitch)) < 0.05
     tilt = "" if level else f", roll {roll:.1f} deg, pitch {pitch:.1f} deg"

@@ -138,7 +138,7 @@ def detection_range(
 
     pose = next(iter(surveys.values())).all_rays.pose
     title = f"{0.0 - pose[DOWN] / 1e3:.4g} km above the origin"
-    title += "" if by == ASPECT else f", heading {math.degrees(pose[YAW]) % 360:.4g} deg"
+    title += "" if by == ASPECT else f", heading {round(math.degrees(pose[YAW]), 9) % 360:.4g} deg"
     chosen = level_and_method(scenario.level, method)
     result.report += [f"slant range of detection by {by}, {title} ({chosen}):"]
     for name, of_radar in ranges.items():
