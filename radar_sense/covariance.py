@@ -106,13 +106,6 @@ def checked(whose: str, covariance: ArrayLike, size: int | None = None) -> Float
     return matrices
 
 
-def scale_std(covariance: FloatArray, components: Sequence[int], factor: float) -> FloatArray:
-    """Return the covariance (..., n, n) with some standard deviations multiplied by a factor."""
-    scale = np.ones(covariance.shape[-1])
-    scale[list(components)] = factor
-    return covariance * np.outer(scale, scale)
-
-
 def block_diagonal(covariances: Sequence[FloatArray]) -> FloatArray:
     """Return the covariance (mn, mn) of m independent states from their covariances (n, n)."""
     size = len(covariances[0])

@@ -195,7 +195,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     mean, std = mean_and_std(whole)
     std_by_name: dict[str, FloatArray] = {}
     for name in names:
-        std_by_name[name] = whole.with_covariances(_alone(scenario, name)).std
+        std_by_name[name] = whole.with_covariances(scaled(scenario, [name], 1.0, 0.0)).std
         report("sources of the budget", len(std_by_name), count)
     return _budget(scenario, mean, std, std_by_name)
 
@@ -316,39 +316,41 @@ def value_function(
     return value
 
 
-def _alone(scenario: Scenario, name: str) -> UncertainStates:
-    """Return the states with one source or one part of a radar constant, the others certain."""
-    states, parts = scenario.states(), parts_of(scenario)
-    source = Source("radar", ()) if name in parts else _source(scenario, name)
-    kept = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
-    for whose, matrix in kept.items():
-        if whose != source.owner:  # one matrix of zeros for all poses
-            kept[whose] = np.zeros(matrix.shape[-2:])
-        else:
-            kept[whose] = covariance.keep_components(matrix, source.components)
-    tolerances = _chosen(scenario, lambda names: 1.0 if name in names else 0.0)
-    return states.with_covariances(kept["aircraft"], kept["radar"], tolerances)
+def scaled(
+    scenario: Scenario, names: Collection[str], factor: float, others: float = 1.0
+) -> UncertainStates:
+    """Return the states with σ of some sources and parts times a factor, and σ of the others too.
 
-
-def scaled(scenario: Scenario, names: Collection[str], factor: float) -> UncertainStates:
-    """Return the states with the standard deviations of some sources and parts multiplied."""
-    covariances = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
+    Args:
+        scenario: The scenario.
+        names: Names of sources, of finer ones too, and of parts.
+        factor: Factor on the standard deviations of these.
+        others: Factor on the standard deviations of all others; 0 makes them certain.
+    """
     parts = parts_of(scenario)
-    for name in names:
-        if name not in parts:
-            source = _source(scenario, name)
-            covariances[source.owner] = covariance.scale_std(
-                covariances[source.owner], source.components, factor
-            )
-    tolerances = _chosen(scenario, lambda own: factor if {*own} & {*names} else 1.0)
+    every = sources_of(scenario)
+    every |= finer_sources(scenario.model.names, scenario.uncertain_parameters)
+    covariances = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
+    for owner, matrix in covariances.items():
+        scale = np.full(matrix.shape[-1], others)
+        for name in names:
+            if name not in parts and every[name].owner == owner:
+                scale[list(every[name].components)] = factor
+        certain = np.zeros(matrix.shape[-2:])  # one matrix for all poses
+        covariances[owner] = matrix * np.outer(scale, scale) if scale.any() else certain
+    by_error = {(p.tolerance.shared or p.radar, p.tolerance.key): p for p in parts.values()}
+    tolerances: list[list[Tolerance]] = []
+    for i, of_radar in enumerate(scenario.tolerances):
+        tolerances.append([])
+        for tolerance in of_radar:
+            part = by_error[tolerance.shared or i, tolerance.key]
+            by = others if {part.name, part.source, part.constant}.isdisjoint(names) else factor
+            if by:
+                changed = dataclasses.replace(tolerance, std=by * tolerance.std)
+                tolerances[i].append(changed)
     return scenario.states().with_covariances(
         covariances["aircraft"], covariances["radar"], tolerances
     )
-
-
-def _source(scenario: Scenario, name: str) -> Source:
-    finer = finer_sources(scenario.model.names, scenario.uncertain_parameters)
-    return {**sources_of(scenario), **finer}[name]
 
 
 def _without_tolerances(scenario: Scenario) -> FloatArray:
@@ -357,28 +359,6 @@ def _without_tolerances(scenario: Scenario) -> FloatArray:
     constants = np.arange(len(matrix))[component(CONSTANT, len(scenario.radars))]
     others = np.setdiff1d(np.arange(len(matrix)), constants[scenario.states().log_constant])
     return covariance.keep_components(matrix, others.tolist())
-
-
-def _chosen(
-    scenario: Scenario, factor: Callable[[tuple[str, ...]], float]
-) -> list[list[Tolerance]]:
-    """Return the tolerances of each radar (m,) with σ multiplied by a factor, without those of 0.
-
-    Args:
-        scenario: The scenario.
-        factor: Returns the factor of a tolerance by the names of its part, source and constant.
-    """
-    parts, chosen = parts_of(scenario), []
-    by_error = {(p.tolerance.shared or p.radar, p.tolerance.key): p for p in parts.values()}
-    for i, tolerances in enumerate(scenario.tolerances):
-        scaled = []
-        for tolerance in tolerances:
-            part = by_error[tolerance.shared or i, tolerance.key]
-            by = factor((part.name, part.source, part.constant))
-            if by:
-                scaled.append(dataclasses.replace(tolerance, std=by * tolerance.std))
-        chosen.append(scaled)
-    return chosen
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
