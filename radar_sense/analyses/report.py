@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,8 @@ from radar_sense.analyses.map import coverage_map
 from radar_sense.analyses.mission import mission
 from radar_sense.analyses.range import detection_range
 from radar_sense.analyses.variance import variance
-from radar_sense.command import LEVEL, ONE_RADAR, SEED_OF_DRAWS, WORKER_THREADS, Command, Result
+from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K
+from radar_sense.command import LEVEL, METHOD, ONE_RADAR, SEED_OF_DRAWS, WORKER_THREADS, Command
 from radar_sense.errors import InputError
 from radar_sense.page import Section, page
 from radar_sense.plausibility import plausibility_warnings
@@ -27,9 +29,6 @@ from radar_sense.scenario import Scenario
 POSES, POSES_BY_RADARS = 31, 250
 #: Degrees between the bearings of the ranges.
 BEARINGS_DEG = 5.0
-
-#: A command with its question, and how to ask it.
-Question = tuple[Command, str, Callable[[], Result]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +101,6 @@ class Report:
 def _report(
     scenario: Scenario,
     *,
-    method: str | None = None,
     threshold: float | None = None,
     k: float | None = None,
     probability: float | None = None,
@@ -118,76 +116,41 @@ def _report(
     Raises:
         InputError: If an option is not allowed, or k is given alone.
     """
-    scenario = scenario.with_analysis(method=method)
-    warnings = plausibility_warnings(scenario)
-    sections = [Section("check", "Who looks at whom?", overview(scenario), warnings)]
-    questions = list(_questions(scenario, threshold, k, probability, workers))
-    for done, (command, question, ask) in enumerate(questions):
-        progress.report("questions", done, len(questions))
-        seen = {warning for section in sections for warning in section.warnings}
-        sections.append(_answer(command, question, ask, seen))
-    return Report(scenario, tuple(sections))
-
-
-def _questions(
-    scenario: Scenario,
-    threshold: float | None,
-    k: float | None,
-    probability: float | None,
-    workers: int,
-) -> Iterator[Question]:
-    test = {
-        "method": scenario.method,
-        "threshold": threshold,
-        "k": k,
-        "probability": probability,
-    }
+    test = {"threshold": threshold, "k": k, "probability": probability}
     compared = scenario.at_poses(compared_poses(scenario))
     few, all_poses = len(compared.axis), len(scenario.axis)
     sample = f" Looked at {few} of {all_poses} poses." if few < all_poses else ""
-    yield (
-        variance,
-        "How sure is the probability of detection?",
-        lambda: variance(scenario, **test),
-    )
-    yield (
-        budget,
-        "Where does the uncertainty come from, and what should be measured better first?",
-        lambda: budget(scenario, **test),
-    )
-    yield (
-        compare,
-        f"How far can each method be trusted here?{sample}",
-        lambda: compare(compared),
-    )
-    if scenario.time_s is not None:
-        yield (
-            mission,
-            "Will the flight have been detected?",
-            lambda: mission(scenario, workers=workers),
-        )
-    yield (
-        detection_range,
-        "How far does each radar see?",
-        lambda: detection_range(scenario, step_deg=BEARINGS_DEG),
-    )
-    yield (
-        coverage_map,
-        "Where in the area is P_D high?",
-        lambda: coverage_map(scenario, workers=workers),
-    )
-
-
-def _answer(command: Command, question: str, ask: Callable[[], Result], seen: set[str]) -> Section:
-    """Return the section of a question. A scenario may have no answer, but it has P_D."""
-    try:
-        result = ask()
-    except InputError as error:
-        if command is variance:
-            raise
-        return Section(command.name, question, (f"no answer: {error}",))
-    new = tuple(warning for warning in result.warnings if warning not in seen)
-    return Section(command.name, question, tuple(result.report), new, result)
+    # commands, each with its question, scenario and options
+    asked: list[tuple[Command, str, Scenario, dict[str, Any]]] = [
+        (variance, "How sure is the probability of detection?", scenario, test),
+        (
+            budget,
+            "Where does the uncertainty come from, and what should be measured better first?",
+            scenario,
+            test,
+        ),
+        (compare, f"How far can each method be trusted here?{sample}", compared, {}),
+        (mission, "Will the flight have been detected?", scenario, {"workers": workers}),
+        (detection_range, "How far does each radar see?", scenario, {"step_deg": BEARINGS_DEG}),
+        (coverage_map, "Where in the area is P_D high?", scenario, {"workers": workers}),
+    ]
+    if scenario.time_s is None:
+        asked = [of_one for of_one in asked if of_one[0] is not mission]
+    warnings = plausibility_warnings(scenario)
+    sections = [Section("check", "Who looks at whom?", overview(scenario), warnings)]
+    for done, (command, question, poses, options) in enumerate(asked):
+        progress.report("questions", done, len(asked))
+        seen = {warning for section in sections for warning in section.warnings}
+        try:
+            result = command(poses, **options)
+        except InputError as error:
+            if command is variance:  # a scenario may have no answer, but it has P_D
+                raise
+            sections.append(Section(command.name, question, (f"no answer: {error}",)))
+        else:
+            new = tuple(warning for warning in result.warnings if warning not in seen)
+            sections.append(Section(command.name, question, tuple(result.report), new, result))
+    return Report(scenario, tuple(sections))
 
 
 def compared_poses(scenario: Scenario) -> NDArray[np.intp]:
@@ -197,8 +160,6 @@ def compared_poses(scenario: Scenario) -> NDArray[np.intp]:
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
 
 
-_OF_VARIANCE = {option.name: option for option in variance.options}
-
 report = Command(
     name="report",
     endings=("html",),
@@ -207,10 +168,10 @@ report = Command(
     options=(
         LEVEL,
         ONE_RADAR,
-        replace(_OF_VARIANCE["method"], default=None, default_text="the scenario's"),
-        _OF_VARIANCE["threshold"],
-        _OF_VARIANCE["k"],
-        _OF_VARIANCE["probability"],
+        METHOD,
+        THRESHOLD,
+        K,
+        PROBABILITY,
         SEED_OF_DRAWS,
         WORKER_THREADS,
     ),
