@@ -45,7 +45,6 @@ from radar_sense.mission.draws import MissionDraws, draw_missions
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import Cumulative, recombined_missions
 from radar_sense.mission.tracks import fuse, p_d_by_time
-from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -64,27 +63,30 @@ class Event:
 
     Attributes:
         key: Name in the record.
-        p: Column of the probability.
+        stem: Name in the columns of the probability, its σ and its mean.
         before: Text before the names of the bounds.
-        stem: Ending of the columns of σ and mean.
         meaning: What the probability is of.
     """
 
     key: str
-    p: str
-    before: str
     stem: str
+    before: str
     meaning: str
+
+    @property
+    def p(self) -> str:
+        """Column of the probability."""
+        return f"{self.stem}_p_d"
 
 
 EVENTS = (
-    Event("detection", "cumulative_p_d", "", "cumulative", "the aircraft has been detected"),
-    Event("track", "track_p_d", "track_", "track", "a track has been started"),
+    Event("detection", "cumulative", "", "the aircraft has been detected"),
+    Event("track", "track", "track_", "a track has been started"),
 )
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class Mission:
     """The mission of the network, or of one radar alone.
 
     Attributes:
@@ -96,6 +98,16 @@ class Source:
     radar: str
     p_d: FloatArray
     events: Mapping[Event, Cumulative]
+
+    @property
+    def of(self) -> str:
+        """Beginning of the meaning of its columns."""
+        return f"For radar {self.radar} alone: " if self.radar else ""
+
+    @property
+    def end(self) -> str:
+        """End of the names of its columns."""
+        return f"_{self.radar}" if self.radar else ""
 
 
 @command(
@@ -141,71 +153,62 @@ def mission(
     if runs is not None:
         sizes = f"{len(axis):,} times x {runs:,} runs"
         foresee(sizes, sum(map(len, looks.times)) * runs, less="fewer --runs", workers=workers)
-    network, *radars = _sources(looks, recombined_missions(looks, window, k=k, workers=workers))
+    missions = _missions(looks, recombined_missions(looks, window, k=k, workers=workers))
+    network, *radars = missions
     drawn = None if runs is None else draw_missions(looks, window, k=k, workers=workers)
 
     result = Result(scenario, "montecarlo")
     words.add_axis(result.table, axis)
-    for source in (network, *radars):
-        _add_columns(result.table, source, None if source.radar else drawn, k)
-    for source in (network, *radars):
-        _add_errors(result.table, source, k)
+    for one in missions:
+        _add_columns(result.table, one, None if one.radar else drawn, k)
+    for one in missions:
+        for event, found in one.events.items():
+            for side, error in (("lower", found.lower_se), ("upper", found.upper_se)):
+                name = f"{event.before}{side}_{k:.12g}sigma"
+                meaning = f"{one.of}Standard error of {name}{one.end}."
+                result.table.add(f"{name}_se{one.end}", error, meaning)
 
-    names = ["detection", *(f"track, {window[0]} of {window[1]}" for window in [window] if window)]
-    errors = _largest_errors(network, axis)
-    differences = {} if drawn is None else _differences(network, drawn, axis)
+    errors = {
+        event.key: words.peak(np.maximum(found.lower_se, found.upper_se), axis)
+        for event, found in network.events.items()
+    }
     result.summary |= {
         "looks": len(axis),
         "m_of_n": None if window is None else list(window),
         **_summaries(network, axis, k),
         "largest_standard_error_of_bounds": errors,
-        "monte_carlo": None
-        if drawn is None
-        else {
-            "runs": drawn.runs,
-            "radar_constants_set_to_zero": drawn.clipped,
-            "largest_difference": differences,
-        },
+        "monte_carlo": None,
     }
     periods = [radar.model.radars[0].scan_period for radar in looks.radars]
     if radars:
         result.summary["radars"] = {
-            source.radar: {
+            one.radar: {
                 "scan_period_s": period,
                 "looks": len(times),
-                **_summaries(source, axis, k),
+                **_summaries(one, axis, k),
             }
-            for source, period, times in zip(radars, periods, looks.times, strict=True)
+            for one, period, times in zip(radars, periods, looks.times, strict=True)
         }
+    names = ["detection", *(f"track, {window[0]} of {window[1]}" for window in [window] if window)]
     for name, found in zip(names, network.events.values(), strict=True):
         result.report += _answer(name, found, scenario.level, axis, k)
     if radars:
         result.report.append("each radar alone, by the end:")
         rows = {
-            source.radar: ", ".join(
+            one.radar: ", ".join(
                 f"{event.key} {words.probability(found.p[-1])} ({_band(found, 'to')})"
-                for event, found in source.events.items()
+                for event, found in one.events.items()
             )
             + f", every {period:g} s"
-            for source, period in zip(radars, periods, strict=True)
+            for one, period in zip(radars, periods, strict=True)
         }
         result.report += words.rows(rows)
     if drawn is not None:
-        result.report += _report_of_draws(drawn, names, differences, axis, k)
-        result.warnings += words.clipping_warnings(drawn.clipped)
+        _add_differences(result, network, drawn, names, k)
     result.report.append(_describe_looks(looks))
     largest = (f"{key} {words.describe_extreme(top, axis)}" for key, top in errors.items())
     result.report.append(f"largest standard error of a bound: {', '.join(largest)}")
-    result.draw = partial(
-        _draw,
-        axis=axis,
-        table=result.table,
-        radars=scenario.model.names,
-        window=window,
-        periods=len({*periods}),
-        level=scenario.level,
-        k=k,
-    )
+    result.draw = partial(_draw, result=result, window=window, periods=len({*periods}), k=k)
     return result
 
 
@@ -225,28 +228,27 @@ def _window(track: Sequence[int] | None, m: int | None, n: int | None) -> tuple[
     return m, n
 
 
-def _sources(looks: Looks, missions: Sequence[list[Cumulative]]) -> list[Source]:
+def _missions(looks: Looks, found: Sequence[list[Cumulative]]) -> list[Mission]:
     """Return the mission of the network, and that of each radar alone."""
     schedule, p_d = looks.schedule, looks.nominal_p_d()
     times = np.arange(len(schedule.time))
     together = p_d_by_time(schedule, fuse(schedule.radars, p_d), times)[:, 0]
-    network, *alone = (dict(zip(EVENTS, events, strict=False)) for events in missions)
-    sources = [Source("", together, network)]
+    network, *alone = (dict(zip(EVENTS, events, strict=False)) for events in found)
+    missions = [Mission("", together, network)]
     names = looks.scenario.model.names
     for name, of_looks, at, events in zip(names, p_d, looks.times, alone, strict=False):
         by_time = np.full(len(times), np.nan)
         by_time[at] = of_looks[:, 0]
-        sources.append(Source(name, by_time, events))
-    return sources
+        missions.append(Mission(name, by_time, events))
+    return missions
 
 
-def _add_columns(table: Table, source: Source, drawn: MissionDraws | None, k: float) -> None:
+def _add_columns(table: Table, one: Mission, drawn: MissionDraws | None, k: float) -> None:
     """Add P_D, and the probability, deviation and bounds of each event, and of draws."""
-    of = f"For radar {source.radar} alone: " if source.radar else ""
-    end = f"_{source.radar}" if source.radar else ""
-    together = "" if source.radar else ", or of all looks at this time together"
-    table.add(f"p_d{end}", source.p_d, f"{of}P_D of the look{together}.")
-    for i, (event, found) in enumerate(source.events.items()):
+    of, end = one.of, one.end
+    together = "" if one.radar else ", or of all looks at this time together"
+    table.add(f"p_d{end}", one.p_d, f"{of}P_D of the look{together}.")
+    for i, (event, found) in enumerate(one.events.items()):
         before, this = event.before, f"the probability {event.p}{end}"
         table.add(f"{event.p}{end}", found.p, f"{of}Probability that {event.meaning} by now.")
         table.add(f"sigma_{event.stem}{end}", found.std, f"{of}Standard deviation of {this}.")
@@ -265,25 +267,7 @@ def _add_columns(table: Table, source: Source, drawn: MissionDraws | None, k: fl
         table.add(f"mean_{event.stem}{end}", found.mean, f"{of}Mean of {this} over the errors.")
 
 
-def _add_errors(table: Table, source: Source, k: float) -> None:
-    """Add the standard errors of the bounds."""
-    of = f"For radar {source.radar} alone: " if source.radar else ""
-    end = f"_{source.radar}" if source.radar else ""
-    for event, found in source.events.items():
-        for side, error in (("lower", found.lower_se), ("upper", found.upper_se)):
-            name = f"{event.before}{side}_{k:.12g}sigma"
-            table.add(f"{name}_se{end}", error, f"{of}Standard error of {name}{end}.")
-
-
-def _largest_errors(network: Source, axis: Axis) -> dict[str, Any]:
-    """Return the largest standard error of the bounds of each event, with the time."""
-    return {
-        event.key: words.peak(np.maximum(found.lower_se, found.upper_se), axis)
-        for event, found in network.events.items()
-    }
-
-
-def _summaries(source: Source, axis: Axis, k: float) -> dict[str, Any]:
+def _summaries(one: Mission, axis: Axis, k: float) -> dict[str, Any]:
     """Return the values of each event at the end, and the times of the milestones."""
     return {
         event.key: {
@@ -294,39 +278,17 @@ def _summaries(source: Source, axis: Axis, k: float) -> dict[str, Any]:
                 f"lower_{k:.12g}sigma": float(found.lower[-1]),
                 f"upper_{k:.12g}sigma": float(found.upper[-1]),
             },
-            "reaches": {
-                f"{level:g}": {
-                    "time_s": _first(found.p, level, axis),
-                    "earliest_s": _first(found.upper, level, axis),
-                    "latest_s": _first(found.lower, level, axis),
-                }
-                for level in MILESTONES
-            },
+            "reaches": {f"{level:g}": _reaches(found, level, axis) for level in MILESTONES},
         }
-        for event, found in source.events.items()
+        for event, found in one.events.items()
     }
 
 
-def _first(curve: FloatArray, level: float, axis: Axis) -> float | None:
-    """Return the first time at which a curve is at a level or above, or None."""
-    reached = curve >= level
-    return float(axis.values[np.argmax(reached)]) if reached.any() else None
-
-
-def _differences(network: Source, drawn: MissionDraws, axis: Axis) -> dict[str, Any]:
-    """Return the largest difference from plain draws of each event, with the time."""
-
-    def largest(found: Cumulative, draws: DrawStatistics) -> dict[str, Any]:
-        lower, upper = abs(found.lower - draws.lower), abs(found.upper - draws.upper)
-        return {
-            "bounds": words.peak(np.maximum(lower, upper), axis),
-            "sigma": words.peak(abs(found.std - draws.std), axis),
-        }
-
-    return {
-        event.key: largest(found, draws)
-        for (event, found), draws in zip(network.events.items(), drawn.events, strict=True)
-    }
+def _reaches(found: Cumulative, level: float, axis: Axis) -> dict[str, float | None]:
+    """Return when the probability, its upper and its lower bound first reach a level, or None."""
+    curves = {"time_s": found.p, "earliest_s": found.upper, "latest_s": found.lower}
+    reached = {name: curve >= level for name, curve in curves.items()}
+    return {n: float(axis.values[np.argmax(m)]) if m.any() else None for n, m in reached.items()}
 
 
 def _band(found: Cumulative, to: str) -> str:
@@ -342,8 +304,8 @@ def _answer(name: str, found: Cumulative, level: str, axis: Axis, k: float) -> l
     ]
     for milestone in MILESTONES:
         time, earliest, latest = (
-            "never" if (first := _first(curve, milestone, axis)) is None else axis.format(first)
-            for curve in (found.p, found.upper, found.lower)
+            "never" if first is None else axis.format(first)
+            for first in _reaches(found, milestone, axis).values()
         )
         if time != "never":
             lines.append(f"  reaches {milestone:g} at {time}, between {earliest} and {latest}")
@@ -374,35 +336,41 @@ def _describe_looks(looks: Looks) -> str:
     return f"{number}, {first} to {last}, every {periods} s; pose errors {errors}"
 
 
-def _report_of_draws(
-    drawn: MissionDraws, names: Sequence[str], differences: dict[str, Any], axis: Axis, k: float
-) -> list[str]:
-    """Describe the largest differences from plain draws, and the draws at the end."""
-    lines = [f"largest difference from {drawn.runs} plain runs (seed {drawn.seed}):"]
-    for name, largest, draws in zip(names, differences.values(), drawn.events, strict=True):
-        lines += [
-            f"  {name}: bounds {words.describe_extreme(largest['bounds'], axis)}, "
-            f"sigma {words.describe_extreme(largest['sigma'], axis)}",
+def _add_differences(
+    result: Result, network: Mission, drawn: MissionDraws, names: Sequence[str], k: float
+) -> None:
+    """Add the largest differences from plain draws, and the draws at the end."""
+    axis, differences = result.scenario.axis, {}
+    result.report.append(f"largest difference from {drawn.runs} plain runs (seed {drawn.seed}):")
+    for name, (event, found), draws in zip(
+        names, network.events.items(), drawn.events, strict=True
+    ):
+        lower, upper = abs(found.lower - draws.lower), abs(found.upper - draws.upper)
+        bounds = words.peak(np.maximum(lower, upper), axis)
+        sigma = words.peak(abs(found.std - draws.std), axis)
+        differences[event.key] = {"bounds": bounds, "sigma": sigma}
+        result.report += [
+            f"  {name}: bounds {words.describe_extreme(bounds, axis)}, "
+            f"sigma {words.describe_extreme(sigma, axis)}",
             f"    runs at the end: mean {draws.mean[-1]:.4f}, sigma {draws.std[-1]:.2g}, "
             f"between {draws.lower[-1]:.4f} and {draws.upper[-1]:.4f} ({k:g} sigma)",
         ]
-    return lines
+    result.summary["monte_carlo"] = {
+        "runs": drawn.runs,
+        "radar_constants_set_to_zero": drawn.clipped,
+        "largest_difference": differences,
+    }
+    result.warnings += words.clipping_warnings(drawn.clipped)
 
 
 def _draw(
-    figure: Figure,
-    axis: Axis,
-    table: Table,
-    radars: Sequence[str],
-    window: tuple[int, int] | None,
-    periods: int,
-    level: str,
-    k: float,
+    figure: Figure, result: Result, window: tuple[int, int] | None, periods: int, k: float
 ) -> None:
     """Draw P_D of the looks, and the probability of each event with its band."""
     from radar_sense import plotting
 
-    (top, *below), x = plotting.pose_panels(figure, 2 if window is None else 3, axis)
+    table, scenario, radars = result.table, result.scenario, result.scenario.model.names
+    (top, *below), x = plotting.pose_panels(figure, 2 if window is None else 3, scenario.axis)
     styles = plotting.radar_styles(radars if len(radars) > 1 else ())
     for name, style in styles.items():
         looks = np.isfinite(table[f"p_d_{name}"])
@@ -419,11 +387,11 @@ def _draw(
             plotting.draw_line(axes, x, table[f"{event.p}_{radar}"], style)
             axes.lines[-1].set_linewidth(plotting.points(0.8))
         if f"{before}mc_mean" in table:
-            ends = table[f"{before}mc_lower"], table[f"{before}mc_upper"]
-            plotting.draw_fill(axes, x, *ends, color="0.8", lw=0, label="Monte Carlo")
+            low, high = (table[f"{before}mc_{end}"] for end in ("lower", "upper"))
+            plotting.draw_fill(axes, x, low, high, color="0.8", lw=0, label="Monte Carlo")
         plotting.draw_line(axes, x, table[event.p], ("black", "-"), label="nominal")
         low, high = (table[f"{before}{end}_{k:.12g}sigma"] for end in ("lower", "upper"))
-        plotting.draw_band(axes, x, low, high, rf"${k:g}\,\sigma$ bounds ({level})")
+        plotting.draw_band(axes, x, low, high, rf"${k:g}\,\sigma$ bounds ({scenario.level})")
         if f"{before}mc_mean" in table:
             some = slice(None, None, -(-len(x) // 40))
             mean = table[f"{before}mc_mean"]
