@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import POSITION
 
 if TYPE_CHECKING:
-    from radar_sense.plotting import Axes, Figure
+    from radar_sense.plotting import Figure
 
 
 @command(
@@ -66,15 +65,15 @@ def variance(
     if k != 3:
         band = band_of_scenario(scenario, method=method, beta=k, p_max=threshold)
     by_radar = {
-        name: (alone, propagate_scenario(alone, method=method))
-        for name, alone in single_radar_scenarios(scenario).items()
+        name: (radar, propagate_scenario(radar, method=method))
+        for name, radar in single_radar_scenarios(scenario).items()
     }
 
     words.add_axis(result.table, axis)
     _add_band(result.table, scenario, moments)
     words.add_mean(result.table, moments.mean, method)
-    for name, (alone, values) in by_radar.items():
-        _add_band(result.table, alone, values, name)
+    for name, (radar, of_radar) in by_radar.items():
+        _add_band(result.table, radar, of_radar, name)
     if k != 3 and threshold is None:
         for end, bound in (("lower", band.lower), ("upper", band.upper)):
             meaning = f"{end.capitalize()} bound of P_D at {k:g} sigma."
@@ -82,24 +81,20 @@ def variance(
 
     low, high = words.trough(moments.p_d, axis), words.peak(moments.p_d, axis)
     worst = words.peak(3 * moments.std, axis)
-    result.summary |= {
-        "lowest_p_d": low,
-        "highest_p_d": high,
-        "largest_three_sigma": worst,
-    }
+    result.summary |= {"lowest_p_d": low, "highest_p_d": high, "largest_three_sigma": worst}
     result.report += [
         words.describe_span(low, high, axis),
         *_bands(scenario, band, k),
         f"largest 3 sigma of P_D ({words.level_and_method(scenario.level, method)}): "
         f"{words.describe_extreme(worst, axis)}",
     ]
-    radars = {name: (alone, m.mean, m.std) for name, (alone, m) in by_radar.items()}
-    words.add_radars(result, {scenario.level: radars})
+    alone = {name: (radar, m.mean, m.std) for name, (radar, m) in by_radar.items()}
+    words.add_radars(result, {scenario.level: alone})
     result.warnings += words.method_warnings(scenario, moments, method)
     result.warnings += words.gathered(
         (f"{name} alone", text)
-        for name, (alone, values) in by_radar.items()
-        for text in words.validity_warnings(alone, values, method)
+        for name, (radar, of_radar) in by_radar.items()
+        for text in words.validity_warnings(radar, of_radar, method)
     )
     if threshold is not None:
         require_threshold(result, threshold, k, band, probability)
@@ -109,18 +104,10 @@ def variance(
     errors = {"": moments.error, **{name: m.error for name, (_, m) in by_radar.items()}}
     for name, error in errors.items():
         if np.any(error > 0):
-            of_radar, ending = _of_radar(name)
-            meaning = f"{of_radar}Standard error of the 3-sigma bounds."
+            of_one, ending = _of_radar(name)
+            meaning = f"{of_one}Standard error of the 3-sigma bounds."
             result.table.add(f"error_3sigma{ending}", error, meaning)
-    result.draw = partial(
-        _draw,
-        scenario=scenario,
-        band=band,
-        k=k,
-        by_radar={name: values.p_d for name, (_, values) in by_radar.items()},
-        threshold=threshold,
-        violated=result.table.get("violated"),
-    )
+    result.draw = partial(_draw, result=result, band=band, k=k, threshold=threshold)
     return result
 
 
@@ -195,45 +182,32 @@ def _add_places(table: Table, scenario: Scenario) -> None:
     table.add("altitude_m", altitude, "Height of the aircraft above the ellipsoid.", "m")
 
 
-def _draw(
-    figure: Figure,
-    scenario: Scenario,
-    band: Band,
-    k: float,
-    by_radar: Mapping[str, Any],
-    threshold: float | None,
-    violated: Any,
-) -> None:
+def _draw(figure: Figure, result: Result, band: Band, k: float, threshold: float | None) -> None:
     """Draw P_D, its band, P_D by each radar, and the threshold."""
     from radar_sense import plotting
 
+    table, scenario = result.table, result.scenario
+    names = scenario.model.names if len(scenario.radars) > 1 else ()
     by_range = isinstance(scenario.geometry, Radial)
     (axes, *others), x = plotting.pose_panels(figure, 1 + by_range, scenario.axis)
     plotting.draw_line(axes, x, band.p_d, ("black", "-"), label=r"$P_D$")
-    for name, style in zip(by_radar, plotting.styles(plotting.BAND), strict=False):
+    for name, style in plotting.radar_styles(names).items():
         # Where one radar alone sees the aircraft, the network's line is under the radar's line.
         axes.lines[0].set(linewidth=plotting.points(2.2), zorder=1.8)
-        plotting.draw_line(axes, x, by_radar[name], style, label=name)
+        plotting.draw_line(axes, x, table[f"p_d_{name}"], style, label=name)
         axes.lines[-1].set_linewidth(plotting.points(0.8))
     plotting.draw_fill(axes, x, band.lower, band.upper, color=plotting.BAND[0], alpha=0.18, lw=0)
     label = rf"band of ${k:.4g}\,\sigma$ ({scenario.level})"
     plotting.draw_band(axes, x, band.lower, band.upper, label)
     if threshold is not None:
-        _draw_threshold(axes, x, threshold, violated)
+        label = f"threshold {threshold:g}"
+        axes.axhline(threshold, color="black", lw=plotting.points(0.8), ls=":", label=label)
+        plotting.draw_shade(axes, table["violated"] > 0, x, label="violated")
     axes.set_ylabel(r"Probability of detection $P_D$")
     for snr_axes in others:
         snr = words.decibels(scenario.model.snr(scenario.aircraft, scenario.radar))
-        styles = plotting.styles(plotting.BAND) if by_radar else [("black", "-")]
+        styles = plotting.styles(plotting.BAND) if names else [("black", "-")]
         for values, style in zip(snr.reshape(len(x), -1).T, styles, strict=False):
             plotting.draw_line(snr_axes, x, values, style)
         snr_axes.set_ylabel("SNR [dB]")
     plotting.draw_legend(figure, axes)
-
-
-def _draw_threshold(axes: Axes, x: Any, threshold: float, violated: Any) -> None:
-    """Draw the threshold, and shade the poses at which it is violated."""
-    from radar_sense import plotting
-
-    label = f"threshold {threshold:g}"
-    axes.axhline(threshold, color="black", lw=plotting.points(0.8), ls=":", label=label)
-    plotting.draw_shade(axes, violated > 0, x, label="violated")

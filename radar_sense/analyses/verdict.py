@@ -159,7 +159,8 @@ def _report(tested: PathTest, method: str, k: float, tests: str) -> list[str]:
         lines += [_remedy(tested, method)]
     without = np.isnan(test.margin)
     if not without.all():
-        lines += [_worst(tested, k)]
+        place = axis.at(int(np.nanargmin(test.margin)))
+        lines += [f"at the worst pose, {place}: {worst_band(tested, k)}"]
     if test.first is not None and test.total > 0 and not without.all():
         unit = _unit(scenario)
         lines += [
@@ -179,12 +180,6 @@ def _verdict(tested: PathTest) -> str:
     if test.unknown.any():
         return f"NOT KNOWN {describe_poses(test.unknown, axis)}"
     return "holds at every pose" + (" and between them" if tested.path.added else "")
-
-
-def _worst(tested: PathTest, k: float) -> str:
-    """Return P_D and its band at the pose of the least margin, and the pose."""
-    place = tested.path.scenario.axis.at(int(np.nanargmin(tested.test.margin)))
-    return f"at the worst pose, {place}: {worst_band(tested, k)}"
 
 
 def worst_band(tested: PathTest, k: float) -> str:

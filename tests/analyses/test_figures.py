@@ -10,6 +10,7 @@ from helpers import dashes, document, lay_out, legend_off_data, scenario, small_
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
+from radar_sense.command import Result
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import Band
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
@@ -338,8 +339,9 @@ def test_very_many_poses_make_a_small_file():
             for name in ("p_d", "lower", "upper", "error")
         }
     )
-    violated = (noise > 0).astype(float)
-    figure = plotting.draw(partial(result.draw, scenario=s, band=band, violated=violated), "")
+    many = Result(s)
+    many.table.add("violated", (noise > 0).astype(float), "")
+    figure = plotting.draw(partial(result.draw, result=many, band=band), "")
     (axes,) = figure.axes
     assert len(axes.patches) + len(axes.collections) == 2  # the band and all that is violated
     assert len(plotting.render(figure, "pdf")) < 300_000
