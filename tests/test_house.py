@@ -28,7 +28,7 @@ STOREYS = (
     ("flight", "source_names"),
     ("uncertain_states",),
     ("model",),
-    ("axis", "covariance"),
+    ("axis", "covariance", "search"),
     ("states", "limits", "units", "streams", "cost", "differences"),
     ("errors", "progress"),
 )

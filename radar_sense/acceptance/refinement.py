@@ -26,6 +26,7 @@ from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.radar import Radar
 from radar_sense.propagation import Band
 from radar_sense.scenario import Scenario
+from radar_sense.search import golden_section
 from radar_sense.states import POSITION, FloatArray
 
 #: Largest turn of the aspect [rad] between two poses. In a scan of P_D of the nominal states the
@@ -46,9 +47,9 @@ RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
 DECIMALS = 6
 #: Differences below this part of the greatest value are rounding, and no maximum is searched there.
 ROUNDING = 1e-12
-#: Steps of a search for a closest point or a crossing: a bracket shrinks to 2⁻⁴⁰ of itself.
+#: Steps of a search: a bracket of a closest point shrinks to 4e-9 of itself, one of a crossing to
+#: 2⁻⁴⁰.
 SEARCH = 40
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,16 +274,8 @@ def _maxima(
     flat = values - np.minimum(before, after) <= ROUNDING * abs(values).max()
     top = np.flatnonzero((values >= before) & (values >= after) & ~flat)
     low, high = place[np.maximum(top - 1, 0)], place[np.minimum(top + 1, len(place) - 1)]
-    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_left, at_right = (_in_any_order(scenario, x, value) for x in (left, right))
-    for _ in range(SEARCH):
-        rises = at_left >= at_right  # towards the left
-        low, high = np.where(rises, low, left), np.where(rises, right, high)
-        new = np.where(rises, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
-        at_new = _in_any_order(scenario, new, value)
-        left, right = np.where(rises, new, right), np.where(rises, left, new)
-        at_left, at_right = np.where(rises, at_new, at_right), np.where(rises, at_left, at_new)
-    return np.clip(np.round(0.5 * (low + high), DECIMALS), place[0], place[-1])
+    _, found = golden_section(lambda x: _in_any_order(scenario, x, value), low, high, SEARCH)
+    return np.clip(np.round(found, DECIMALS), place[0], place[-1])
 
 
 def _crossings(scenario: Scenario, place: FloatArray, number: int) -> FloatArray:

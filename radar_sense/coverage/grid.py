@@ -28,6 +28,7 @@ from radar_sense.montecarlo.parallel import in_order
 from radar_sense.progress import report
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
+from radar_sense.search import golden_section
 from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
 
 #: Largest number of cells of a map, which take 100 MB in single precision.
@@ -43,7 +44,7 @@ CIRCLE = 32_768
 HALF_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
 #: Part of the RCS by which the nearest sampled heading may be below the peak of a lobe.
 LOBE_LOSS = 0.005
-#: Steps of the golden section. Each step shrinks the bracket to 0.62, and all to 1 in 16,000.
+#: Steps of the golden section, which shrink the bracket to 1 in 16,000.
 _SECTIONS = 20
 
 #: A quantity in all cells (rows, columns), and the indices of a block of cells.
@@ -242,7 +243,7 @@ def worst_p_d_in_cells(
             better = p_d > best
             best[better], at[better] = p_d[better], heading
         if len(headings) > 1:
-            maximum, argument = _golden_section(p_d_at, at - step, at + step)
+            maximum, argument = golden_section(p_d_at, at - step, at + step, _SECTIONS)
             better = maximum > best
             best[better], at[better] = maximum[better], argument[better]
         return best, np.rad2deg(np.mod(at, 2.0 * np.pi))
@@ -286,24 +287,6 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
     if not half_steps or any(getattr(rcs, "lobes", 0) > CIRCLE // 2 for rcs in by_aspect):
         raise InputError("the lobes of the RCS are too narrow for a search over headings")
     return math.ceil(CIRCLE / (2 * half_steps[-1]))
-
-
-def _golden_section(
-    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the maxima of a function between low and high (...), and their arguments (...)."""
-    part = (math.sqrt(5.0) - 1.0) / 2.0
-    left, right = high - part * (high - low), low + part * (high - low)
-    at_left, at_right = function(left), function(right)
-    for _ in range(_SECTIONS):
-        up = at_right > at_left
-        low, high = np.where(up, left, low), np.where(up, high, right)
-        inner = np.where(up, low + part * (high - low), high - part * (high - low))
-        value = function(inner)
-        left, right = np.where(up, right, inner), np.where(up, inner, left)
-        at_left, at_right = np.where(up, at_right, value), np.where(up, value, at_left)
-    up = at_right > at_left
-    return np.where(up, at_right, at_left), np.where(up, right, left)
 
 
 def _foresee(scenario: Scenario, cells: Grid, evaluations: float, workers: int) -> None:
