@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -12,7 +12,6 @@ import numpy as np
 from radar_sense import words
 from radar_sense.analyses.required import OPTIONS, add_required_accuracy, check_options
 from radar_sense.analyses.verdict import sigmas
-from radar_sense.axis import Axis
 from radar_sense.command import (
     LEVEL,
     METHOD,
@@ -25,7 +24,7 @@ from radar_sense.command import (
 from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
-from radar_sense.sources import Contribution, error_budget, value_function
+from radar_sense.sources import Budget, Contribution, error_budget, value_function
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -72,9 +71,7 @@ def budget(
     k = sigmas(threshold, k, probability)
     check_options(method, target, threshold, k, at)
     axis, result, found = scenario.axis, Result(scenario, method), error_budget(scenario, method)
-    sources, parts, finer = (
-        list(kind.values()) for kind in (found.sources, found.parts, found.finer)
-    )
+    sources, parts, finer = (kind.values() for kind in (found.sources, found.parts, found.finer))
     total, interaction, pose = found.total, found.interaction, found.pose
     at_pose = float(total.three_sigma[pose])
 
@@ -152,14 +149,11 @@ def budget(
         result.warnings += words.correlated_sources(three_sigma, total.three_sigma)
     if method != MONTE_CARLO:
         result.report += words.std_trust(result)
-    radars = scenario.model.names if len(scenario.model.names) > 1 else ()
-    result.draw = partial(
-        _draw, axis=axis, sources=sources, parts=parts, total=total, radars=radars
-    )
+    result.draw = partial(_draw, result=result, found=found)
     return result
 
 
-def _at(pose: int, contributions: Sequence[Contribution], kind: str) -> dict[str, float]:
+def _at(pose: int, contributions: Iterable[Contribution], kind: str) -> dict[str, float]:
     """Return the values at a pose by name, without the common prefix of a single radar's parts."""
     return {
         c.name.removeprefix("radar_constant_") if c.part_of else c.name: float(
@@ -196,19 +190,15 @@ def _know_first(scenario: Scenario, first: Sequence[Contribution], total: float,
     return f"{answer}; half its deviation leaves {left} of {words.probability(total)}"
 
 
-def _draw(
-    figure: Figure,
-    axis: Axis,
-    sources: Sequence[Contribution],
-    parts: Sequence[Contribution],
-    total: Contribution,
-    radars: Sequence[str],
-) -> None:
+def _draw(figure: Figure, result: Result, found: Budget) -> None:
     """Draw 3σ of the sources, of their parts as thin lines of the same colour, and of all."""
     from radar_sense import plotting
     from radar_sense.plotting import PoseLine, key_in_words
 
-    style_of = plotting.source_styles([c.name for c in sources], radars)
+    model, total = result.scenario.model, found.total
+    radars = model.names if len(model.radars) > 1 else ()
+    sources, parts = found.sources.values(), found.parts.values()
+    style_of = plotting.source_styles([*found.sources], radars)
     tops = {c.name: np.nanmax(c.three_sigma, initial=0.0) for c in (*sources, *parts, total)}
     seen = {n for n, top in tops.items() if len(tops) <= MANY or top >= VISIBLE * tops["total"]}
     unseen = [key_in_words(c.label) for c in (*sources, *parts) if c.name not in seen]
@@ -228,4 +218,4 @@ def _draw(
     # the total is under the line of the only radar that sees the aircraft
     under = {"width": 2.2, "zorder": 1.8} if radars else {}
     lines.append(PoseLine("total", total.three_sigma, ("black", "-"), **under))
-    plotting.pose_lines(figure, axis, lines, r"$3\,\sigma$ of $P_D$")
+    plotting.pose_lines(figure, result.scenario.axis, lines, r"$3\,\sigma$ of $P_D$")

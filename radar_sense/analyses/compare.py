@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radar_sense import words
 from radar_sense.analyses.verdict import K
@@ -90,8 +89,8 @@ def compare(
         )
         error = DrawStatistics(*np.zeros((4, len(axis))))
     else:
-        draws, kind = _affordable(scenario), "draws a pose with emphasis on the tails"
-        drawn, error = _draw_tails(scenario, draws, k)
+        kind = "draws a pose with emphasis on the tails"
+        draws, drawn, error = _draw_tails(scenario, k)
     moments = {method: propagate_scenario(scenario, method=method, beta=k) for method in METHODS}
 
     words.add_axis(result.table, axis)
@@ -113,11 +112,11 @@ def compare(
     largest: dict[str, Any] = {}
     told = []
     for method, m in moments.items():
-        found = {name: _Difference.of(m, drawn, error, ends) for name, ends in COMPARED.items()}
-        largest[method] = {name: words.peak(d.distance, axis) for name, d in found.items()}
-        cells = "".join(f"{d.describe(axis):28}" for d in found.values())
+        found = {name: _difference(m, drawn, error, ends, axis) for name, ends in COMPARED.items()}
+        largest[method] = {name: words.peak(far, axis) for name, (far, *_) in found.items()}
+        cells = "".join(f"{text:28}" for *_, text in found.values())
         result.report.append(f"  {method:10} {cells.rstrip()}")
-        if not plain and any(d.told.any() for d in found.values()):
+        if not plain and any(tells for _, tells, _ in found.values()):
             told.append(method)
     unknown = [method for method in moments if method not in told]
     if plain:
@@ -156,56 +155,37 @@ def compare(
     return result
 
 
-def _affordable(scenario: Scenario) -> int:
-    """Return the number of draws at a pose, a power of two."""
-    draws = int(TOGETHER / (len(scenario.axis) * len(scenario.model.radars)))
-    return 1 << max(LEAST, min(draws, MOST)).bit_length() - 1
-
-
-def _draw_tails(scenario: Scenario, draws: int, k: float) -> tuple[DrawStatistics, DrawStatistics]:
-    """Return what draws with emphasis on the tails say, and its standard errors."""
+def _draw_tails(scenario: Scenario, k: float) -> tuple[int, DrawStatistics, DrawStatistics]:
+    """Return a number of draws at a pose, what they say, and its standard errors."""
     poses, radars = len(scenario.axis), len(scenario.model.radars)
+    affordable = max(LEAST, min(int(TOGETHER / (poses * radars)), MOST))
+    draws = 1 << affordable.bit_length() - 1  # a power of two
     what = f"{draws:,} draws at {poses:,} poses"
     foresee(what, float(draws) * poses * radars, less="fewer poses")
     drawn, error = draw_in_parts(scenario.states(), draws, k)
-    return DrawStatistics(*drawn), DrawStatistics(*error)
+    return draws, DrawStatistics(*drawn), DrawStatistics(*error)
 
 
-@dataclass(frozen=True)
-class _Difference:
-    """Largest difference of some values from those by draws, at each pose.
+def _difference(
+    m: Moments, drawn: DrawStatistics, error: DrawStatistics, names: Sequence[str], axis: Axis
+) -> tuple[FloatArray, bool, str]:
+    """Return the largest difference (n,) of values from those by draws, NaN without a value.
 
-    Attributes:
-        distance: The difference (n,), NaN without a value.
-        told: Where it is beyond the noise of the draws, and is shown (n,).
-        most: Largest difference that the draws allow.
+    Whether the draws tell a difference from their noise at any pose follows, and what they tell:
+    the largest difference, or what they exclude.
     """
-
-    distance: FloatArray
-    told: NDArray[np.bool_]
-    most: float
-
-    @classmethod
-    def of(
-        cls, m: Moments, drawn: DrawStatistics, error: DrawStatistics, names: Sequence[str]
-    ) -> _Difference:
-        """Return the difference of the values with these names."""
-        values, by_draws, noise = (
-            np.stack([getattr(x, name) for name in names]) for x in (m, drawn, error)
-        )
-        distance = abs(values - by_draws)
-        noise = np.maximum(ERRORS * noise, words.SHOWN)
-        most = float(np.nanmax(distance + noise, initial=0.0))
-        return cls(distance.max(axis=0), np.asarray((distance > noise).any(axis=0)), most)
-
-    def describe(self, axis: Axis) -> str:
-        """Return the largest difference that the draws tell, or what they exclude."""
-        if np.isnan(self.distance).all():
-            return "undefined"
-        if self.told.any():
-            told = np.where(self.told, self.distance, np.nan)
-            return words.describe_extreme(words.peak(told, axis), axis)
-        return f"none above {words.probability(self.most)}"
+    values, by_draws, noise = (
+        np.stack([getattr(x, name) for name in names]) for x in (m, drawn, error)
+    )
+    distance, noise = abs(values - by_draws), np.maximum(ERRORS * noise, words.SHOWN)
+    largest, told = distance.max(axis=0), (distance > noise).any(axis=0)
+    if np.isnan(largest).all():
+        text = "undefined"
+    elif told.any():
+        text = words.describe_extreme(words.peak(np.where(told, largest, np.nan), axis), axis)
+    else:
+        text = f"none above {words.probability(np.nanmax(distance + noise))}"
+    return largest, bool(told.any()), text
 
 
 def _draw(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -113,34 +112,14 @@ def rcs(scenario: Scenario) -> Result:
         },
     }
     result.warnings += table_warnings(scenario)
-    arrays = _cuts(model, float(np.median(seen_elevation))) | {
-        "geometry_azimuth_deg": seen_azimuth,
-        "geometry_elevation_deg": seen_elevation,
-        "table_ends_deg": np.rad2deg(model.elevation[[0, -1]])
-        if isinstance(model, TableRCS) and model.elevation is not None
-        else np.zeros(0),
-    }
-    result.draw = partial(_draw, arrays=arrays)
+    result.draw = partial(
+        _draw, model=model, seen_azimuth=seen_azimuth, seen_elevation=seen_elevation
+    )
     return result
 
 
-def _cuts(model: RCS, elevation_deg: float) -> dict[str, FloatArray]:
-    """Return arrays of the figure: σ_r at the horizon, at one elevation, and over the sphere."""
-    cut = np.arange(-180.0, 180.25, 0.25)
-    azimuth, elevation = np.arange(-180.0, 180.5, 0.5), np.arange(-90.0, 91.0, 1.0)
-    return {
-        "cut_azimuth_deg": cut,
-        "cut_horizon_m2": pattern(model, cut, np.zeros(())),
-        "cut_elevation_deg": np.array(elevation_deg),
-        "cut_m2": pattern(model, cut, np.array(elevation_deg)),
-        "map_azimuth_deg": azimuth,
-        "map_elevation_deg": elevation,
-        "map_m2": pattern(model, azimuth, elevation[:, np.newaxis]),
-    }
-
-
-def _draw(figure: Figure, arrays: Mapping[str, FloatArray]) -> None:
-    """Draw the cuts, and the map with the directions of the geometry."""
+def _draw(figure: Figure, model: RCS, seen_azimuth: FloatArray, seen_elevation: FloatArray) -> None:
+    """Draw cuts at the horizon and at one elevation, and the map with the geometry's directions."""
     from radar_sense import plotting
 
     if plotting.nominal_width(figure) > 5.0:
@@ -152,8 +131,9 @@ def _draw(figure: Figure, arrays: Mapping[str, FloatArray]) -> None:
     polar: Any = figure.add_subplot(grid[0], projection="polar")
     plane = figure.add_subplot(grid[1])
 
-    middle = float(arrays["cut_elevation_deg"])
-    azimuth, horizon, seen = (arrays[f"cut_{of}"] for of in ("azimuth_deg", "horizon_m2", "m2"))
+    middle = float(np.median(seen_elevation))
+    azimuth = np.arange(-180.0, 180.25, 0.25)
+    horizon, seen = (pattern(model, azimuth, np.array(of)) for of in (0.0, middle))
     top = max(horizon.max(), seen.max())
     # Deep nulls would compress the rest of the scale. A cross section of 0 has no decibels.
     floor = max(min(horizon.min(), seen.min()), 1e-5 * top)
@@ -169,9 +149,8 @@ def _draw(figure: Figure, arrays: Mapping[str, FloatArray]) -> None:
     polar.set_ylim(low - margin, high + margin)
     plotting.set_compass(polar, plotting.ASPECTS, "RCS [dBsm]")
 
-    azimuth, elevation, sigma = (
-        arrays[f"map_{of}"] for of in ("azimuth_deg", "elevation_deg", "m2")
-    )
+    azimuth, elevation = np.arange(-180.0, 180.5, 0.5), np.arange(-90.0, 91.0, 1.0)
+    sigma = pattern(model, azimuth, elevation[:, np.newaxis])
     level = decibels(np.maximum(sigma, 1e-5 * sigma.max()))
     drawn = plane.pcolormesh(azimuth, elevation, level, shading="nearest", rasterized=True)
     bar = figure.colorbar(
@@ -189,17 +168,16 @@ def _draw(figure: Figure, arrays: Mapping[str, FloatArray]) -> None:
         )
         bar.add_lines(contours)
     plane.plot(
-        arrays["geometry_azimuth_deg"],
-        arrays["geometry_elevation_deg"],
+        seen_azimuth,
+        seen_elevation,
         ".",
         color=plotting.BAND[0],
         ms=plotting.points(2.5),
         label="the radar in the geometry",
     )
-    ends = arrays["table_ends_deg"]
-    if len(ends):
+    if isinstance(model, TableRCS) and model.elevation is not None:
         plane.hlines(
-            ends,
+            np.rad2deg(model.elevation[[0, -1]]),
             -180,
             180,
             colors="black",
