@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -89,17 +88,17 @@ def detectors(
     for name, values in by_name.items():
         add(f"p_d_{name}", values, f"P_D by the detector {name}.")
     add("north_less_marcum", error, "P_D by North's approximation minus the exact P_D.")
-    integrated = {
-        n: [linearize(Swerling2(pulses=n), ratios, p_fa) for p_fa in p_fas] for n in PULSES
+    integrated = {  # P_D and its slope (P_fas, 2, ratios) by the number of pulses
+        n: np.array([linearize(Swerling2(pulses=n), ratios, p_fa) for p_fa in p_fas])
+        for n in PULSES
     }
     for n, both in integrated.items():
-        values = np.concatenate([values for values, _ in both])
-        add(f"p_d_swerling2_{n}", values, f"P_D by Swerling 2 with {n} integrated pulses.")
+        meaning = f"P_D by Swerling 2 with {n} integrated pulses."
+        add(f"p_d_swerling2_{n}", both[:, 0].ravel(), meaning)
     per_db = ratios * (np.log(10.0) / 10.0)
     for n, both in integrated.items():
-        slopes = np.concatenate([slope * per_db for _, slope in both])
         meaning = f"Derivative of P_D by the SNR in dB, for {n} pulses."
-        add(f"dp_d_per_db_swerling2_{n}", slopes, meaning, "1/dB")
+        add(f"dp_d_per_db_swerling2_{n}", (both[:, 1] * per_db).ravel(), meaning, "1/dB")
 
     worst = []
     for p_fa, errors in zip(p_fas, error.reshape(len(p_fas), -1), strict=True):
@@ -111,7 +110,7 @@ def detectors(
         north, exact = (DETECTORS[name]().p_d(ratio, model.p_fa) for name in DISTINCT[:2])
         of_radars.append(abs(north - exact))
     at_poses = peak(np.max(of_radars, axis=0), scenario.axis)
-    required = _required(scenario)
+    required, lines = _required(scenario)
     result.summary |= {
         "largest_error_of_north": worst,
         "error_of_north_at_poses": at_poses,
@@ -122,52 +121,40 @@ def detectors(
         *(f"  P_fa {w['p_fa']:<8g} {w['error']:+.4f} at {w['snr_db']:.1f} dB" for w in worst),
         f"largest error at the poses of this scenario: {describe_extreme(at_poses, scenario.axis)}",
         "required signal-to-noise ratio S of a pulse, and dP_D/dB there:",
-        *_describe_required(required),
+        *lines,
     ]
     chosen = scenario.model.models[0].p_fa
     result.draw = partial(_draw, table=result.table, chosen=chosen)
     return result
 
 
-def _required(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return the required S of all integrating detectors and of the radars' detectors, by P_fa."""
+def _required(scenario: Scenario) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return the required S of all integrating detectors and of the radars' detectors, by P_fa.
+
+    The lines for the terminal follow, one for each detector.
+    """
     rows: list[dict[str, Any]] = []
+    lines = []
     for p_fa in sorted({model.p_fa for model in scenario.model.models}, reverse=True):
+        heads = "".join(f"{'P_D':>13} {p_d:<6g}" for p_d in REQUIRED)
+        lines.append(f"  P_fa {p_fa:<8g}{'':22}{heads}")
         compared: list[Detector] = [cls(pulses=pulses) for cls in INTEGRATING for pulses in PULSES]
         for model in scenario.model.models:
             plain = isinstance(model.detector, PulseDetector) and model.detector in compared
             if model.p_fa == p_fa and not plain:
                 compared.append(model.detector)
         for detector in compared:
+            name, cells = describe_detector(detector), ""
             for p_d in REQUIRED:
                 snr = required_snr(detector, p_fa, p_d)
+                snr_db = 10.0 * math.log10(snr) if snr else None
                 _, slope = linearize(detector, np.asarray(snr), p_fa)
-                rows.append(
-                    {
-                        "detector": describe_detector(detector),
-                        "p_fa": p_fa,
-                        "p_d": p_d,
-                        "snr_db": 10.0 * math.log10(snr) if snr else None,
-                        "dp_d_per_db": float(slope) * snr * math.log(10.0) / 10.0,
-                    }
-                )
-    return rows
-
-
-def _describe_required(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield the lines of the required signal-to-noise ratios, one for each detector."""
-    for i in range(0, len(rows), len(REQUIRED)):
-        of_one = rows[i : i + len(REQUIRED)]
-        if i == 0 or of_one[0]["p_fa"] != rows[i - 1]["p_fa"]:
-            heads = "".join(f"{'P_D':>13} {row['p_d']:<6g}" for row in of_one)
-            yield f"  P_fa {of_one[0]['p_fa']:<8g}{'':22}{heads}"
-        values = (
-            f"{row['snr_db']:9.2f} dB {row['dp_d_per_db']:8.3f}"
-            if row["snr_db"] is not None
-            else f"{'any':>20}"
-            for row in of_one
-        )
-        yield f"    {of_one[0]['detector']:<31}{''.join(values)}"
+                per_db = float(slope) * snr * math.log(10.0) / 10.0
+                cells += f"{'any':>20}" if snr_db is None else f"{snr_db:9.2f} dB {per_db:8.3f}"
+                row = {"detector": name, "p_fa": p_fa, "p_d": p_d}
+                rows.append({**row, "snr_db": snr_db, "dp_d_per_db": per_db})
+            lines.append(f"    {name:<31}{cells}")
+    return rows, lines
 
 
 def _draw(figure: Figure, table: Table, chosen: float) -> None:
