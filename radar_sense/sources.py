@@ -64,8 +64,8 @@ class Contribution:
         share: Share of the variance of P_D (n,), NaN where nothing is uncertain.
         share_error: Standard error of the share (n,), by Sobol' indices.
         total_index: Total Sobol' index (n,) of a source, by Sobol' indices.
-        total_error: Standard error of the total index (n,).
-        std_error: Standard error of `std` (n,) of all sources together, by Sobol' indices.
+        total_index_error: Standard error of the total index (n,).
+        three_sigma_error: Standard error of 3σ (n,) of all sources together, by Sobol' indices.
         part_of: Name of the source that it is a part of; "" for a source.
     """
 
@@ -74,8 +74,8 @@ class Contribution:
     share: FloatArray
     share_error: FloatArray | None = None
     total_index: FloatArray | None = None
-    total_error: FloatArray | None = None
-    std_error: FloatArray | None = None
+    total_index_error: FloatArray | None = None
+    three_sigma_error: FloatArray | None = None
     part_of: str = ""
 
     @property
@@ -416,13 +416,16 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     alone = dict(zip(groups, std * np.sqrt(shares), strict=True))
     fields = {name: {"share_error": indices.first_error[i]} for i, name in enumerate(groups)}
     for i, name in enumerate(shown):
-        fields[name] |= {"total_index": indices.total[i], "total_error": indices.total_error[i]}
+        fields[name] |= {
+            "total_index": indices.total[i],
+            "total_index_error": indices.total_error[i],
+        }
     of_sources = np.sum(indices.first_error[: len(shown)] ** 2, axis=0)
     fields["interaction"] = {"share_error": np.sqrt(of_sources)}
     # dσ = dσ²/(2σ)
     of_variance = indices.variance_error
     error = np.divide(of_variance, 2.0 * std, out=np.zeros_like(std), where=std > 0)
-    fields["total"] = {"std_error": error}
+    fields["total"] = {"three_sigma_error": 3.0 * error}
     return _budget(scenario, indices.mean, std, alone, fields)
 
 

@@ -75,29 +75,23 @@ def budget(
     total, interaction, pose = found.total, found.interaction, found.pose
     at_pose = float(total.three_sigma[pose])
 
+    def add(kind: str, contributions: Iterable[Contribution], meaning: str) -> None:
+        for c in contributions:
+            if getattr(c, kind) is not None:
+                result.table.add(f"{kind}_{c.name}", getattr(c, kind), meaning.format(c=c))
+
     words.add_axis(result.table, axis)
-    add = result.table.add
-    for c in (*sorted((*sources, total), key=lambda c: c.name in FURTHER), *finer):
-        add(f"three_sigma_{c.name}", c.three_sigma, f"3 sigma of P_D from {c.meaning}.")
+    of_paper_first = sorted((*sources, total), key=lambda c: c.name in FURTHER)
+    add("three_sigma", (*of_paper_first, *finer), "3 sigma of P_D from {c.meaning}.")
     words.add_mean(result.table, found.mean, method)
-    for c in (*sources, interaction) if method != "linear" else ():
-        add(f"share_{c.name}", c.share, f"Share of the variance of P_D from {c.meaning}.")
-    for c in sources:
-        if c.total_index is not None:
-            meaning = f"Total Sobol' index of {c.name}: its share and all its interactions."
-            add(f"total_index_{c.name}", c.total_index, meaning)
-    for c in (*sources, interaction, *parts):
-        if c.share_error is not None:
-            add(f"share_error_{c.name}", c.share_error, f"Standard error of the share of {c.name}.")
-    for c in parts:
-        add(f"three_sigma_{c.name}", c.three_sigma, f"3 sigma of P_D from {c.meaning}.")
-    for c in sources:
-        if c.total_error is not None:
-            meaning = f"Standard error of the total Sobol' index of {c.name}."
-            add(f"total_index_error_{c.name}", c.total_error, meaning)
-    if total.std_error is not None:
-        meaning = "Standard error of three_sigma_total."
-        add("three_sigma_error_total", 3.0 * total.std_error, meaning)
+    if method != "linear":
+        add("share", (*sources, interaction), "Share of the variance of P_D from {c.meaning}.")
+    meaning = "Total Sobol' index of {c.name}: its share and all its interactions."
+    add("total_index", sources, meaning)
+    add("share_error", (*sources, interaction, *parts), "Standard error of the share of {c.name}.")
+    add("three_sigma", parts, "3 sigma of P_D from {c.meaning}.")
+    add("total_index_error", sources, "Standard error of the total Sobol' index of {c.name}.")
+    add("three_sigma_error", (total,), "Standard error of three_sigma_total.")
 
     if at_pose == 0:
         result.report += ["nothing to measure: P_D is certain"]
@@ -167,8 +161,8 @@ def _row(c: Contribution, pose: int, width: int) -> str:
     error = None if c.share_error is None else c.share_error[pose]
     value = "" if c.name == "interaction" else words.probability(c.three_sigma[pose])
     share = "" if c.name == "total" else words.percent(c.share[pose], error)
-    if c.std_error is not None and c.std_error[pose] > 0:
-        share = f" +/- {words.probability(3.0 * c.std_error[pose])}"
+    if c.three_sigma_error is not None and c.three_sigma_error[pose] > 0:
+        share = f" +/- {words.probability(c.three_sigma_error[pose])}"
     label = f"  {c.label}" if c.part_of else c.label
     return f"  {label:{width}}{value:6}{share}".rstrip()
 

@@ -189,10 +189,9 @@ def p_d_in_cells(
         bound = distribution(scenario.at_states(aircraft), method).quantile(beta)
         return p_d, bound.reshape(p_d.shape)
 
-    count = 1 if method is None else 2
     at_cell = EVALUATIONS.get(method, EVALUATIONS["form"]) if method else 1.0
     _foresee(scenario, cells, at_cell, workers)
-    p_d, *bounds = _in_cells(scenario, cells, pose, planes, count, workers)
+    p_d, *bounds = _in_cells(scenario, cells, pose, planes, workers)
     return p_d, bounds[0] if bounds else None
 
 
@@ -248,7 +247,7 @@ def worst_p_d_in_cells(
             best[better], at[better] = maximum[better], argument[better]
         return best, np.rad2deg(np.mod(at, 2.0 * np.pi))
 
-    largest, heading = _in_cells(scenario, cells, pose, planes, 2, workers)
+    largest, heading = _in_cells(scenario, cells, pose, planes, workers)
     return largest, heading
 
 
@@ -306,7 +305,6 @@ def _in_cells(
     cells: Grid,
     pose: FloatArray,
     planes: Callable[[FloatArray], tuple[FloatArray, ...]],
-    count: int,
     workers: int,
 ) -> list[Plane]:
     """Return planes (rows, columns), computed from the states (..., 6) of each block."""
@@ -315,11 +313,12 @@ def _in_cells(
     def compute_block(index: int) -> tuple[FloatArray, ...]:
         return planes(states_in(cells, blocks[index], pose, scenario.origin))
 
-    filled = [np.empty(cells.shape, dtype=np.float32) for _ in range(count)]
+    filled: list[Plane] = []
     done, total = 0, math.prod(cells.shape)
     report("cells", done, total)
     results = in_order(compute_block, len(blocks), workers)
     for block, parts in zip(blocks, results, strict=True):
+        filled = filled or [np.empty(cells.shape, dtype=np.float32) for _ in parts]
         for plane, part in zip(filled, parts, strict=True):
             plane[block] = part
         done += parts[0].size

@@ -107,8 +107,7 @@ def detection_ranges(seen: Survey, values: list[float], method: str, k: float) -
         }
         if method == "linear":
             lower, upper = _first_order_band(seen, _slant(around, distance), k * std)
-            moments = propagate_scenario(at, method="probit", beta=k)
-            unreliable = exists & unreliable_in_scenario(at, moments, method="probit", beta=k)
+            unreliable = _unreliable(around, [np.where(exists, distance, np.nan)], "probit", k)
         else:
             smooth = "form" if method == AUTOMATIC else method
             band = bounds_of_reach(seen, value, smooth, k)
