@@ -27,7 +27,7 @@ from radar_sense.cost import foresee
 from radar_sense.montecarlo.adaptive import ERRORS, draw_in_parts
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.statistics import DrawStatistics
-from radar_sense.propagation import METHODS, Moments, propagate_scenario
+from radar_sense.propagation import METHODS, MONTE_CARLO, Moments, propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -118,21 +118,27 @@ def compare(
         result.report.append(f"  {method:10} {cells.rstrip()}")
         if not plain and any(tells for _, tells, _ in found.values()):
             told.append(method)
-    unknown = [method for method in moments if method not in told]
+    missing = {
+        method: ~np.isfinite(m.mean + m.std + m.lower + m.upper) for method, m in moments.items()
+    }
+    # a method that has no value at a pose is not nearest, and no draws would tell it from the truth
+    whole = [method for method in moments if not missing[method].any()]
+    unknown = [method for method in whole if method not in told]
     if plain:
         result.report.append(
             f"the noise of the {kind} is in these differences; without --runs, --sampler and "
             "--dask the draws know their own"
         )
     elif unknown:
+        better = [method for method in unknown if method != MONTE_CARLO][:1]
+        more = "".join(f"; the command validate with --method {m} makes more" for m in better)
         result.report.insert(
             0,
-            f"{draws:,} draws a pose cannot tell {words.listed(unknown)} from the truth; the "
-            f"command validate with --method {unknown[0]} makes more",
+            f"{draws:,} draws a pose cannot tell {words.listed(unknown)} from the truth{more}",
         )
     else:
-        farthest = {m: top["bounds"]["value"] for m, top in largest.items()}
-        off = words.probability(np.nanmin([*farthest.values()]))
+        farthest = {method: largest[method]["bounds"]["value"] for method in whole}
+        off = words.probability(min(farthest.values()))
         best = words.listed([m for m, value in farthest.items() if words.probability(value) == off])
         result.report.insert(0, f"nearest to {draws:,} draws a pose: {best}, bounds within {off}")
     result.summary |= {
@@ -145,7 +151,6 @@ def compare(
     }
 
     # Where a method is off is the answer of this command, and no warning.
-    missing = {method: ~np.isfinite(m.std) for method, m in moments.items()}
     result.warnings += [
         words.warning("no-value", f"{method} has no value {place}")
         for method, place in words.places(missing, axis).items()

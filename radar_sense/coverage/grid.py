@@ -29,7 +29,7 @@ from radar_sense.progress import report
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
-from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
+from radar_sense.states import AIRCRAFT, ATTITUDE, BLOCK, DOWN, POSITION, YAW, FloatArray
 
 #: Largest number of cells of a map, which take 100 MB in single precision.
 MAX_CELLS = 25_000_000
@@ -37,8 +37,6 @@ MAX_CELLS = 25_000_000
 CELLS = 500
 #: Cells on a side in which a contour is looked for.
 _ON_A_SIDE = 61
-#: Cells computed at a time.
-BLOCK = 16_384
 #: Headings at which the RCS is sampled to find the lobes, and half steps tried, in samples.
 CIRCLE = 32_768
 HALF_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)

@@ -214,6 +214,22 @@ def test_compare_tells_the_methods_apart_or_says_that_it_cannot(level, seed):
     assert "form" in first
 
 
+@pytest.mark.parametrize("stop", [0, 40])
+def test_compare_names_no_method_that_has_no_value(stop, monkeypatch):
+    """FORM has no value straight above the radar, and the least difference beside it."""
+    monkeypatch.setattr(sys.modules["radar_sense.analyses.compare"], "TOGETHER", 2e5)
+    along = {"start": 0, "stop": stop, "step": 40}
+    line = {"type": "radial", "azimuth_deg": 0, "down_km": -300, "range_km": along}
+    s = scenario(geometry=line, radar__constant=20, radar__detector="swerling1")
+    result = analyses.compare(s)
+    assert any("form has no value at 0 km" in text for text in result.warnings)
+    first, told = result.report[0], result.summary["methods_told"]
+    assert "form" not in first
+    assert "probit" not in first
+    assert "automatic" in first
+    assert ("--method automatic makes more" in first) == ("automatic" not in told)
+
+
 def test_compare_at_another_k():
     s, compare = compared(level="high")
     table = compare(k=2).table
