@@ -22,6 +22,7 @@ from radar_sense.propagation import (
     BOUND_CHANGE,
     MONTE_CARLO,
     STD_CHANGE,
+    Band,
     Moments,
     distribution,
     mean_and_std,
@@ -297,13 +298,26 @@ def add_axis(table: Table, axis: Axis) -> None:
     table.add(axis.key, axis.values, axis.meaning, unit_name(axis.key))
 
 
-def add_band(table: Table, moments: Moments, k: float = 3.0) -> None:
-    """Add the columns of P_D with its band."""
-    table.add("p_d", moments.p_d, NOMINAL)
-    table.add("sigma_pd", moments.std, "Standard deviation of P_D.")
-    for end, bound in (("lower", moments.lower), ("upper", moments.upper)):
-        meaning = f"{end.capitalize()} {k:g}-sigma bound of P_D."
-        table.add(f"{end}_{k:.12g}sigma", bound, meaning)
+def of_radar(name: str) -> tuple[str, str]:
+    """Return the beginning of a column's meaning and the end of its name; "" for all radars."""
+    return (f"For radar {name} alone: ", f"_{name}") if name else ("", "")
+
+
+def add_band(table: Table, moments: Moments, k: float = 3.0, radar: str = "") -> None:
+    """Add the columns of P_D with its band, of all radars or of one alone."""
+    of, ending = of_radar(radar)
+    nominal = f"{of}P_D at the nominal states." if radar else NOMINAL
+    table.add(f"p_d{ending}", moments.p_d, nominal)
+    table.add(f"sigma_pd{ending}", moments.std, f"{of}Standard deviation of P_D.")
+    add_bounds(table, moments, k, radar)
+
+
+def add_bounds(table: Table, band: Band, k: float, radar: str = "") -> None:
+    """Add the columns of the bounds of P_D, of all radars or of one alone."""
+    of, ending = of_radar(radar)
+    for end, bound in (("lower", band.lower), ("upper", band.upper)):
+        meaning = f"{of}{end.capitalize()} {k:g}-sigma bound of P_D."
+        table.add(f"{end}_{k:.12g}sigma{ending}", bound, meaning)
 
 
 def add_mean(table: Table, mean: FloatArray, method: str, ending: str = "") -> None:

@@ -99,16 +99,6 @@ class Mission:
     p_d: FloatArray
     events: Mapping[Event, Cumulative]
 
-    @property
-    def of(self) -> str:
-        """Beginning of the meaning of its columns."""
-        return f"For radar {self.radar} alone: " if self.radar else ""
-
-    @property
-    def end(self) -> str:
-        """End of the names of its columns."""
-        return f"_{self.radar}" if self.radar else ""
-
 
 @command(
     LEVEL,
@@ -162,11 +152,12 @@ def mission(
     for one in missions:
         _add_columns(result.table, one, None if one.radar else drawn, k)
     for one in missions:
+        of, end = words.of_radar(one.radar)
         for event, found in one.events.items():
             for side, error in (("lower", found.lower_se), ("upper", found.upper_se)):
                 name = f"{event.before}{side}_{k:.12g}sigma"
-                meaning = f"{one.of}Standard error of {name}{one.end}."
-                result.table.add(f"{name}_se{one.end}", error, meaning)
+                meaning = f"{of}Standard error of {name}{end}."
+                result.table.add(f"{name}_se{end}", error, meaning)
 
     errors = {
         event.key: words.peak(np.maximum(found.lower_se, found.upper_se), axis)
@@ -245,7 +236,7 @@ def _missions(looks: Looks, found: Sequence[list[Cumulative]]) -> list[Mission]:
 
 def _add_columns(table: Table, one: Mission, drawn: MissionDraws | None, k: float) -> None:
     """Add P_D, and the probability, deviation and bounds of each event, and of draws."""
-    of, end = one.of, one.end
+    of, end = words.of_radar(one.radar)
     together = "" if one.radar else ", or of all looks at this time together"
     table.add(f"p_d{end}", one.p_d, f"{of}P_D of the look{together}.")
     for i, (event, found) in enumerate(one.events.items()):

@@ -75,9 +75,7 @@ def variance(
     for name, (radar, of_radar) in by_radar.items():
         _add_band(result.table, radar, of_radar, name)
     if k != 3 and threshold is None:
-        for end, bound in (("lower", band.lower), ("upper", band.upper)):
-            meaning = f"{end.capitalize()} bound of P_D at {k:g} sigma."
-            result.table.add(f"{end}_{k:.12g}sigma", bound, meaning)
+        words.add_bounds(result.table, band, k)
 
     low, high = words.trough(moments.p_d, axis), words.peak(moments.p_d, axis)
     worst = words.peak(3 * moments.std, axis)
@@ -104,7 +102,7 @@ def variance(
     errors = {"": moments.error, **{name: m.error for name, (_, m) in by_radar.items()}}
     for name, error in errors.items():
         if np.any(error > 0):
-            of_one, ending = _of_radar(name)
+            of_one, ending = words.of_radar(name)
             meaning = f"{of_one}Standard error of the 3-sigma bounds."
             result.table.add(f"error_3sigma{ending}", error, meaning)
     result.draw = partial(_draw, result=result, band=band, k=k, threshold=threshold)
@@ -139,8 +137,7 @@ def _trust(result: Result, band: Band) -> list[str]:
 def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: str = "") -> None:
     """Add range, RCS and SNR of a single radar, and P_D with its band."""
     aircraft, radar = scenario.aircraft, scenario.radar
-    of_radar, ending = _of_radar(radar_name)
-    nominal = "P_D at the nominal states." if radar_name else words.NOMINAL
+    of_radar, ending = words.of_radar(radar_name)
     if len(scenario.model.models) == 1:
         snr = scenario.model.snr(aircraft, radar).reshape(len(aircraft))
         sigma = scenario.radars[0].model.rcs.cross_section(body_vector(aircraft, radar))
@@ -153,18 +150,7 @@ def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: st
         table.add(f"rcs_m2{ending}", sigma, f"{of_radar}RCS towards the radar.", "m²")
         meaning = f"{of_radar}Signal-to-noise ratio of a single pulse."
         table.add(f"snr_db{ending}", words.decibels(snr), meaning, "dB")
-    for name, values, meaning in (
-        ("p_d", moments.p_d, nominal),
-        ("sigma_pd", moments.std, "Standard deviation of P_D."),
-        ("lower_3sigma", moments.lower, "Lower bound of P_D at 3 sigma."),
-        ("upper_3sigma", moments.upper, "Upper bound of P_D at 3 sigma."),
-    ):
-        table.add(f"{name}{ending}", values, of_radar + meaning)
-
-
-def _of_radar(name: str) -> tuple[str, str]:
-    """Return the beginning of a column's meaning and the end of its name; "" for all radars."""
-    return (f"For radar {name} alone: ", f"_{name}") if name else ("", "")
+    words.add_band(table, moments, radar=radar_name)
 
 
 def _add_places(table: Table, scenario: Scenario) -> None:
