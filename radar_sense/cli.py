@@ -118,7 +118,7 @@ def commands() -> Mapping[str, str]:
     return {
         name: text.partition("\n")[0].strip('"')
         for name, text in texts.items()
-        if any(mark in text for mark in ("\n@command(", " = Command("))
+        if "\n@command(" in text
     }
 
 
@@ -336,9 +336,9 @@ def _by_place(
 def _output(analysis: Command) -> list[click.Parameter]:
     """Return the options of the output: of a command without files, of one without figures."""
     options: list[click.Parameter] = []
-    if analysis.writes:
+    if analysis.endings:
         options.append(OUT)
-    if analysis.writes and analysis.has_figures:
+    if analysis.formats:
         more = ", or of the map on the earth" if set(analysis.formats) - set(FORMATS) else ""
         formats = click.Option(
             ["--format", "formats"],
@@ -384,7 +384,7 @@ def _run(
             f"--format {' and '.join(sorted(set(formats) - set(FORMATS)))}: needs geometry.origin, "
             "which scenarios with a route in latitude and longitude have"
         )
-    if analysis.writes:
+    if analysis.endings:
         stem = analysis.stem(selected)
         paths = [out / f"{stem}.{ending}" for ending in (*analysis.endings, *formats)]
         _require_writable(out, paths, _inputs(config, scenario))
@@ -392,8 +392,8 @@ def _run(
         result = analysis(scenario, **chosen, **computing)
     written: list[Path] = []
     failure = None
-    if analysis.writes:
-        size = {"formats": formats, "style": style} if analysis.has_figures else {}
+    if analysis.endings:
+        size = {"formats": formats, "style": style} if analysis.formats else {}
         _interrupts_are_exceptions()
         run.written = "files of two runs may stand side by side, the record tells"
         try:

@@ -340,27 +340,23 @@ class Command:
         options: Its options.
         examples: Command lines for the help.
         name: Name of the command; of the function by default.
-        exports: Formats that the result can have besides figures.
-        writes: Whether the command line writes files.
-        endings: Endings of the files besides figures.
-        has_figures: Whether it draws.
+        endings: Endings of its files besides the figure; () if the command line writes none.
+        formats: Formats of its figure, or of what else its result can be; () without a figure.
     """
 
     run: Callable[..., Any]
     options: tuple[Option, ...] = ()
     examples: tuple[str, ...] = ()
     name: str = ""
-    exports: tuple[str, ...] = ()
-    writes: bool = True
     endings: tuple[str, ...] = ("csv", "npz", "json")
-    has_figures: bool = True
+    formats: tuple[str, ...] = FORMATS
     #: Returns the warnings of a scenario itself, which every result has.
     check: ClassVar[Callable[[Scenario], Iterable[str]]] = staticmethod(lambda scenario: ())
 
     def __post_init__(self) -> None:
         functools.update_wrapper(self, self.run)  # for `help` and `inspect.signature`
         self.__doc__ = self._documented()
-        self.__name__ = self.run.__name__.lstrip("_")
+        self.__name__ = self.run.__name__
         self.name = self.name or self.__name__
         signature = inspect.signature(self.run)
         kind = inspect.Parameter.KEYWORD_ONLY
@@ -432,11 +428,6 @@ class Command:
         return f"{scenario.name}_{self.name}"
 
     @property
-    def formats(self) -> tuple[str, ...]:
-        """Formats that the command can write besides its table and record."""
-        return (*FORMATS, *self.exports)
-
-    @property
     def keywords(self) -> tuple[str, ...]:
         """Keywords of the function."""
         return tuple(inspect.signature(self.run).parameters)[1:]
@@ -468,9 +459,7 @@ class Command:
 def command(
     *options: Option,
     examples: Sequence[str] = (),
-    name: str = "",
-    exports: tuple[str, ...] = (),
-    writes: bool = True,
-) -> Callable[[Callable[..., Result]], Command]:
+    **others: Any,
+) -> Callable[[Callable[..., Any]], Command]:
     """Make a command of a function from a scenario to a result; the rest is as in `Command`."""
-    return lambda run: Command(run, options, tuple(examples), name, exports, writes)
+    return lambda run: Command(run, options, tuple(examples), **others)

@@ -19,7 +19,7 @@ from radar_sense.words import decibels, describe_poses
 ROUNDING = 1e-9
 
 
-@command(examples=("radar-sense check", "radar-sense check my.yaml"), writes=False)
+@command(examples=("radar-sense check", "radar-sense check my.yaml"), endings=(), formats=())
 def check(scenario: Scenario) -> Result:
     """Read, validate and print a scenario in full; compute nothing.
 

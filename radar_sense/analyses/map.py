@@ -36,7 +36,7 @@ from radar_sense.coverage.grid import (
     worst_p_d_in_cells,
 )
 from radar_sense.errors import InputError
-from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
+from radar_sense.limits import FORMATS, MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.plausibility import below_ground
@@ -94,7 +94,7 @@ AROUND = "around radars and path"
         "radar-sense map my.yaml --worst-heading --step-km 10",
         "radar-sense map network.yaml --radar ridge",
     ),
-    exports=("geojson",),
+    formats=(*FORMATS, "geojson"),
     name="map",
 )
 def coverage_map(

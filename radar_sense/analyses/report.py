@@ -19,7 +19,15 @@ from radar_sense.analyses.mission import mission
 from radar_sense.analyses.range import detection_range
 from radar_sense.analyses.variance import variance
 from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K
-from radar_sense.command import LEVEL, METHOD, ONE_RADAR, SEED_OF_DRAWS, WORKER_THREADS, Command
+from radar_sense.command import (
+    LEVEL,
+    METHOD,
+    ONE_RADAR,
+    SEED_OF_DRAWS,
+    WORKER_THREADS,
+    Command,
+    command,
+)
 from radar_sense.errors import InputError
 from radar_sense.page import Section, page
 from radar_sense.plausibility import plausibility_warnings
@@ -98,7 +106,24 @@ class Report:
         return files.write(Path(folder), {f"{self.stem}.html": content})
 
 
-def _report(
+@command(
+    LEVEL,
+    ONE_RADAR,
+    METHOD,
+    THRESHOLD,
+    K,
+    PROBABILITY,
+    SEED_OF_DRAWS,
+    WORKER_THREADS,
+    examples=(
+        "radar-sense report",
+        "radar-sense report my.yaml --threshold 0.1 --k 3",
+        "radar-sense report network.yaml --radar ridge --level high",
+    ),
+    endings=("html",),
+    formats=(),
+)
+def report(
     scenario: Scenario,
     *,
     threshold: float | None = None,
@@ -138,18 +163,18 @@ def _report(
         asked = [of_one for of_one in asked if of_one[0] is not mission]
     warnings = plausibility_warnings(scenario)
     sections = [Section("check", "Who looks at whom?", overview(scenario), warnings)]
-    for done, (command, question, poses, options) in enumerate(asked):
+    for done, (asks, question, poses, options) in enumerate(asked):
         progress.report("questions", done, len(asked))
         seen = {warning for section in sections for warning in section.warnings}
         try:
-            result = command(poses, **options)
+            result = asks(poses, **options)
         except InputError as error:
-            if command is variance:  # a scenario may have no answer, but it has P_D
+            if asks is variance:  # a scenario may have no answer, but it has P_D
                 raise
-            sections.append(Section(command.name, question, (f"no answer: {error}",)))
+            sections.append(Section(asks.name, question, (f"no answer: {error}",)))
         else:
             new = tuple(warning for warning in result.warnings if warning not in seen)
-            sections.append(Section(command.name, question, tuple(result.report), new, result))
+            sections.append(Section(asks.name, question, tuple(result.report), new, result))
     return Report(scenario, tuple(sections))
 
 
@@ -158,26 +183,3 @@ def compared_poses(scenario: Scenario) -> NDArray[np.intp]:
     count = len(scenario.axis)
     most = max(2, min(POSES, POSES_BY_RADARS // len(scenario.model.radars)))
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
-
-
-report = Command(
-    name="report",
-    endings=("html",),
-    has_figures=False,
-    run=_report,
-    options=(
-        LEVEL,
-        ONE_RADAR,
-        METHOD,
-        THRESHOLD,
-        K,
-        PROBABILITY,
-        SEED_OF_DRAWS,
-        WORKER_THREADS,
-    ),
-    examples=(
-        "radar-sense report",
-        "radar-sense report my.yaml --threshold 0.1 --k 3",
-        "radar-sense report network.yaml --radar ridge --level high",
-    ),
-)
