@@ -56,7 +56,7 @@ _LOG_HALF = -math.log(2.0)
 
 
 class Tail(NamedTuple):
-    """The lesser tail of P_D (...), as its logarithm."""
+    """The lesser tail of P_D (...), as its logarithm. At a P_D near 1/2 it may be either tail."""
 
     upper: NDArray[np.bool_]  #: whether the tail is 1 − P_D
     log: FloatArray  #: ln of the tail
@@ -110,14 +110,31 @@ class PulseSum:
     def tail(self, snr: FloatArray) -> Tail:
         """Return the lesser tail of P_D (n,) at mean signal-to-noise ratios (n,) of a pulse."""
         terms, mean = self._terms, self.pulses * np.asarray(snr, dtype=float)
-        log_tail, rate = self._sum(mean, terms.log_detected, beyond=True)
-        upper = log_tail > _LOG_HALF
+        log_tail, rate = np.empty_like(mean), np.empty_like(mean)
+        upper = mean > self._even_mean
         far = upper & (mean > self._far_mean)
-        near = upper & ~far
+        near, lower = upper & ~far, ~upper
+        log_tail[lower], rate[lower] = self._sum(mean[lower], terms.log_detected, beyond=True)
         log_tail[near], rate[near] = self._sum(mean[near], terms.log_missed)
         if far.any():
             log_tail[far], rate[far] = self._far_miss(mean[far])
         return Tail(upper, log_tail, self.pulses * rate)
+
+    @cached_property
+    def _even_mean(self) -> float:
+        """Mean of the signal above which 1 − P_D is the lesser tail, within a part in 100.
+
+        Either tail is accurate there.
+        """
+        if self.p_fa >= 0.5:
+            return -1.0
+        low, high = 1e-6 * self.threshold, 1e3 * self.threshold
+        for _ in range(2):
+            means = np.geomspace(low, high, 64)
+            log_p_d, _ = self._sum(means, self._terms.log_detected, beyond=True)
+            first = int(np.argmax(log_p_d > _LOG_HALF))
+            low, high = means[max(first - 1, 0)], means[first]
+        return float(low)
 
     @cached_property
     def _far_mean(self) -> float:
