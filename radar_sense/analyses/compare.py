@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -110,13 +111,15 @@ def compare(
         f"  {'':10} {f'{k:g}-sigma bounds':28}{'sigma':28}{'mean'}",
     ]
     largest: dict[str, Any] = {}
+    within: dict[str, float] = {}
     told = []
     for method, m in moments.items():
         found = {name: _difference(m, drawn, error, ends, axis) for name, ends in COMPARED.items()}
         largest[method] = {name: words.peak(far, axis) for name, (far, *_) in found.items()}
         cells = "".join(f"{text:28}" for *_, text in found.values())
         result.report.append(f"  {method:10} {cells.rstrip()}")
-        if not plain and any(tells for _, tells, _ in found.values()):
+        *_, within[method], _ = found["bounds"]
+        if not plain and any(tells for _, tells, *_ in found.values()):
             told.append(method)
     missing = {
         method: ~np.isfinite(m.mean + m.std + m.lower + m.upper) for method, m in moments.items()
@@ -137,9 +140,8 @@ def compare(
             f"{draws:,} draws a pose cannot tell {words.listed(unknown)} from the truth{more}",
         )
     else:
-        farthest = {method: largest[method]["bounds"]["value"] for method in whole}
-        off = words.probability(min(farthest.values()))
-        best = words.listed([m for m, value in farthest.items() if words.probability(value) == off])
+        off = words.probability(min(within[method] for method in whole))
+        best = words.listed([m for m in whole if words.probability(within[m]) == off])
         result.report.insert(0, f"nearest to {draws:,} draws a pose: {best}, bounds within {off}")
     result.summary |= {
         "runs": draws,
@@ -173,11 +175,11 @@ def _draw_tails(scenario: Scenario, k: float) -> tuple[int, DrawStatistics, Draw
 
 def _difference(
     m: Moments, drawn: DrawStatistics, error: DrawStatistics, names: Sequence[str], axis: Axis
-) -> tuple[FloatArray, bool, str]:
+) -> tuple[FloatArray, bool, float, str]:
     """Return the largest difference (n,) of values from those by draws, NaN without a value.
 
-    Whether the draws tell a difference from their noise at any pose follows, and what they tell:
-    the largest difference, or what they exclude.
+    Whether the draws tell a difference from their noise at any pose follows, the largest difference
+    that they do not exclude, and what they tell in words.
     """
     values, by_draws, noise = (
         np.stack([getattr(x, name) for name in names]) for x in (m, drawn, error)
@@ -185,12 +187,13 @@ def _difference(
     distance, noise = abs(values - by_draws), np.maximum(ERRORS * noise, words.SHOWN)
     largest, told = distance.max(axis=0), (distance > noise).any(axis=0)
     if np.isnan(largest).all():
-        text = "undefined"
-    elif told.any():
+        return largest, False, math.nan, "undefined"
+    within = float(np.nanmax(distance + noise))
+    if told.any():
         text = words.describe_extreme(words.peak(np.where(told, largest, np.nan), axis), axis)
     else:
-        text = f"none above {words.probability(np.nanmax(distance + noise))}"
-    return largest, bool(told.any()), text
+        text = f"none above {words.probability(within)}"
+    return largest, bool(told.any()), within, text
 
 
 def _draw(

@@ -228,6 +228,9 @@ def test_compare_names_no_method_that_has_no_value(stop, monkeypatch):
     assert "probit" not in first
     assert "automatic" in first
     assert ("--method automatic makes more" in first) == ("automatic" not in told)
+    nearest = re.search(r"automatic, bounds within (\S+)", first)
+    row = next(line for line in result.report if line.startswith("  automatic"))
+    assert not nearest or f"none above {nearest[1]}" in row or " at " in row[:38]
 
 
 def test_compare_at_another_k():
