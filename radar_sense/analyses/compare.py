@@ -140,9 +140,12 @@ def compare(
             f"{draws:,} draws a pose cannot tell {words.listed(unknown)} from the truth{more}",
         )
     else:
-        off = words.probability(min(within[method] for method in whole))
-        best = words.listed([m for m in whole if words.probability(within[m]) == off])
-        result.report.insert(0, f"nearest to {draws:,} draws a pose: {best}, bounds within {off}")
+        farthest = {m: words.probability(largest[m]["bounds"]["value"]) for m in whole}
+        best = [m for m in whole if farthest[m] == min(farthest.values(), key=float)]
+        off = words.probability(max(within[method] for method in best))
+        result.report.insert(
+            0, f"nearest to {draws:,} draws a pose: {words.listed(best)}, bounds within {off}"
+        )
     result.summary |= {
         "runs": draws,
         "k": k,
