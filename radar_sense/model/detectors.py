@@ -6,9 +6,8 @@ approximation `North`), or the cases of P. Swerling (IRE Trans. IT-6(2), 1960). 
 signal-to-noise ratio of one pulse. For a single pulse case 2 equals case 1, and case 4 equals
 case 3.
 
-A single pulse with a fixed threshold has closed forms and a short series. Its threshold is
-X = −ln P_fa, in units of the mean noise power. Everything else is computed by `integration` and
-interpolated by `probit_table`: N pulses, CFAR, m of n pulses.
+North's approximation is a closed form. All other detectors are computed by `integration` and
+interpolated by `probit_table`.
 
 All detectors keep their relative accuracy in both tails. z = Φ⁻¹(P_D) is computed from the lesser
 of P_D and 1 − P_D, which is never a difference from 1.
@@ -24,11 +23,11 @@ from typing import ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammainc, i0e, ndtr, ndtri, ndtri_exp
+from scipy.special import ndtr, ndtri, ndtri_exp
 
 from radar_sense.errors import InputError
 from radar_sense.limits import Limit, check_number, check_parameters, parameter
-from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tail, Tails
+from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tails
 from radar_sense.model.normal import density, hazard
 from radar_sense.model.probit_table import ProbitTable
 from radar_sense.states import FloatArray
@@ -175,15 +174,11 @@ class PulseDetector:
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
         """Return P_D (...) at mean signal-to-noise ratios (...) of a pulse, not below zero."""
-        if self._single:
-            return self._pulse_p_d(snr, p_fa)
         p_d: FloatArray = ndtr(_table(self, p_fa).probit(snr))
         return p_d
 
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
         """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
-        if self._single:
-            return probit_of_tail(*self._pulse_tail(snr, p_fa))
         return _table(self, p_fa).linearize_probit(snr)
 
     def tails(self, p_fa: float) -> Tails:
@@ -208,49 +203,20 @@ class PulseDetector:
         """Shape K of the count of the signal in `integration`."""
         raise NotImplementedError
 
-    @property
-    def _single(self) -> bool:
-        return self.pulses == 1 and self.cfar is None and self.binary is None
-
-    def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        """Return P_D (...) of a single pulse with a fixed threshold."""
-        raise NotImplementedError
-
-    def _pulse_tail(self, snr: FloatArray, p_fa: float) -> Tail:
-        """Return the lesser tail of P_D (...) of a single pulse with a fixed threshold."""
-        raise NotImplementedError
-
 
 @detector("marcum")
 @dataclass(frozen=True)
 class Marcum(PulseDetector):
     """A steady target, exactly. `North` is an approximation to it.
 
-    For a single pulse P_D = Q₁(a, b) with a² = 2S and b² = 2X (J. I. Marcum, IRE Trans. IT-6(2),
-    1960). With the modified Bessel functions I_k both tails are sums of positive terms, in which
-    nothing cancels:
-
-        P_D = exp(−(a² + b²)/2) Σ_{k≥0} (a/b)^k I_k(ab), which converges for S < X,
-        1 − P_D = exp(−(a² + b²)/2) Σ_{k≥1} (b/a)^k I_k(ab), for S ≥ X.
-
-    The relative error of P_D, 1 − P_D, z and both slopes is at most 1e-12. This holds for P_fa from
-    1e-17 to 0.9 and S from 0 to 1e6. Where 1 − P_D is below 1e-300, the relative error of the slope
-    of z is 1e-9. SciPy's `chndtr` returns 1 − P_D only, and returns 0 where 1 − P_D is below some
-    1e-50 to 1e-90.
+    For a single pulse P_D = Q₁(√(2S), √(2X)) with the threshold X = −ln P_fa (J. I. Marcum, IRE
+    Trans. IT-6(2), 1960).
     """
 
     @property
     def shape(self) -> float:
         """Shape K of the count of the signal in `integration`."""
         return math.inf
-
-    def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        upper, log_tail, _ = _marcum(snr, p_fa)
-        tail = np.exp(log_tail)
-        return np.where(upper, 1.0 - tail, tail)
-
-    def _pulse_tail(self, snr: FloatArray, p_fa: float) -> Tail:
-        return _marcum(snr, p_fa)
 
 
 @detector("swerling1")
@@ -269,15 +235,6 @@ class Swerling1(PulseDetector):
     def shape(self) -> float:
         """Shape K of the count of the signal in `integration`."""
         return 1.0
-
-    def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        return np.exp(math.log(p_fa) / (1.0 + snr))
-
-    def _pulse_tail(self, snr: FloatArray, p_fa: float) -> Tail:
-        u = -math.log(p_fa) / (1.0 + snr)
-        upper = u < math.log(2.0)
-        odds = np.where(upper, np.expm1(np.where(upper, u, 1.0)), 1.0)  # (1 − P_D)/P_D
-        return Tail(upper, np.log(odds) - u, u / (1.0 + snr) / odds)
 
 
 @detector("swerling2")
@@ -310,23 +267,6 @@ class Swerling3(PulseDetector):
     def shape(self) -> float:
         """Shape K of the count of the signal in `integration`."""
         return 2.0
-
-    def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        s = 0.5 * snr
-        u = -math.log(p_fa) / (1.0 + s)
-        return (1.0 + u * (s / (1.0 + s))) * np.exp(-u)
-
-    def _pulse_tail(self, snr: FloatArray, p_fa: float) -> Tail:
-        s = 0.5 * snr
-        u = -math.log(p_fa) / (1.0 + s)
-        detected = 1.0 + u * (s / (1.0 + s))
-        upper = detected * np.exp(-u) > 0.5
-        # Either tail over u exp(−u). 1 − P_D of the order 1/S² might underflow. Where 1 − P_D is
-        # the lesser, u < 1.7.
-        missed = gammainc(2.0, u) * np.exp(np.minimum(u, 2.0)) / u + 1.0 / (1.0 + s)
-        tail = np.where(upper, missed, detected / u)
-        rate = (1.0 + 0.5 * u * s) / (1.0 + s) / tail / (1.0 + s)
-        return Tail(upper, np.log(tail) + np.log(u) - u, rate)
 
 
 @detector("swerling4")
@@ -380,51 +320,6 @@ def _table(detector: PulseDetector, p_fa: float) -> ProbitTable:
 
     # P_D doubles on the scale of 1/rate.
     return ProbitTable.of(exact, 3.0 * float(tails.tail(np.zeros(1)).rate[0]))
-
-
-def _marcum(snr: FloatArray, p_fa: float) -> Tail:
-    """Return the lesser tail of `Marcum`, summed from the last term to the first.
-
-    With m and n the lesser and the greater of S and X, the ratio of a term to the previous term is
-
-        w_k = √(m/n) I_k(2√(mn))/I_{k−1}(2√(mn)) = m/(k + n w_{k+1}),
-
-    This recurrence of the Bessel functions is stable backwards. The sum is
-
-        Σ_{k≥1} = w₁ (1 + w₂ (1 + w₃ (...))).
-
-    The recurrence starts from Debye's expansion of ln I_ν (Digital Library of Mathematical
-    Functions, 10.41.3), differentiated by ν halfway between both orders. With ν = k − ½ and
-    s² = ν² + z² at z = ab,
-
-        ln(I_k/I_{k−1}) ≈ −arsinh(ν/z) − ν/(2s²) (1 + 1/s − 5ν²/(4s³)).
-
-    The error decreases with each step of the recurrence. The slope
-    dP_D/dS = (b/a) exp(−(a² + b²)/2) I₁(ab) contains w₁.
-    """
-    threshold = -math.log(p_fa)
-    snr = np.asarray(snr)
-    m, n = np.minimum(snr, threshold), np.maximum(snr, threshold)
-    # Terms for a relative 1e-14 of every tail above 1e-300, found by experiment.
-    last = math.ceil(8.0 * math.sqrt(threshold)) + 30
-    order = last - 0.5
-    square = order * order + 4.0 * m * n
-    root = np.sqrt(square)
-    correction = 0.5 * order / square * (1.0 + (1.0 - 1.25 * order * order / square) / root)
-    w = np.asarray(2.0 * m / (order + root) * np.exp(-correction))
-    rest = np.zeros_like(w)
-    for k in range(last - 1, 0, -1):
-        rest += 1.0
-        rest *= w
-        w *= n
-        w += k
-        if k > 1:
-            np.divide(m, w, out=w)
-    rest += 1.0  # all but the factor w₁ = m/w
-    upper = snr >= threshold
-    total = np.where(upper, 0.0, 1.0) + m / w * rest  # over I₀(ab)
-    decay = (np.sqrt(snr) - math.sqrt(threshold)) ** 2
-    return Tail(upper, np.log(i0e(2.0 * np.sqrt(m * n)) * total) - decay, threshold / w / total)
 
 
 def probit_of_tail(

@@ -45,7 +45,7 @@ _BLOCK = 1 << 19
 #: Largest threshold of a pulse, 30 dB above noise. CFAR with few cells needs more for a small P_fa.
 _HIGHEST = 1000.0
 #: Least count of the signal in a miss for which the miss is an integral in place of a sum.
-_FAR = 1000.0
+_FAR = 400.0
 #: Places on the path of the integral, in standard deviations. A Gaussian is below 1e-31 beyond.
 _PATH = np.arange(-12.0, 12.1, 0.25)
 #: Mean of a signal from which ln(1 − P_D) is proportional to the mean.
@@ -166,7 +166,10 @@ class PulseSum:
         k, log_density = k[:last], log_density[:last]
         ratios = _ratio(n + k, mean, b)
         over = np.empty(last)  # P_k/p_k, from the last to the first
-        following = 1.0 / (1.0 - min(ratios[-1], 0.9))
+        beyond = float(_above(n + last, np.asarray(mean), b))
+        density = math.exp(log_probability(np.asarray(n + float(last)), mean, b))
+        # Where both are too small for a number, the ratios are small and soon forget the first.
+        following = beyond / density if beyond > 1e-290 else 1.0
         for i in range(last - 1, -1, -1):
             following = 1.0 + ratios[i] * following
             over[i] = following
@@ -189,7 +192,8 @@ class PulseSum:
         """
         k, log_density = self._terms.k, self._terms.log_density
         log_sum, rate = np.empty_like(mean), np.empty_like(mean)
-        with np.errstate(under="ignore", invalid="ignore"):  # invalid: of NaN
+        # a NaN stays one, and ln 0 is −∞ where nothing is beyond the last k
+        with np.errstate(divide="ignore", under="ignore", invalid="ignore"):
             factor = 1.0 + k / self.shape
             rows = max(1, _BLOCK // len(k))
             for start in range(0, len(mean), rows):
@@ -204,7 +208,7 @@ class PulseSum:
                 rate[block] = slope / total / (1.0 + m[:, 0] / self.shape)
             log_sum += _log_zero(mean, self.shape)
             if beyond:
-                rest = np.log(np.maximum(_above(len(k), mean, self.shape), 1e-300))
+                rest = np.log(_above(len(k), mean, self.shape))
                 whole = np.logaddexp(log_sum, rest)
                 rate *= np.exp(log_sum - whole)
                 log_sum = whole

@@ -85,10 +85,14 @@ def test_value_and_slope_in_both_tails(cls, cells):
 @pytest.mark.parametrize(
     ("cls", "number", "cells", "decibels"),
     [(Swerling4, 100, None, 60), (Swerling1, 1000, None, 60), (Swerling2, 300, 24, -40),
-     (Marcum, 10, 24, 30), (Marcum, 1000, None, -40), (Marcum, 2, None, 40)],
+     (Marcum, 10, 24, 30), (Marcum, 1000, None, -40), (Marcum, 2, None, 40),
+     (Marcum, 1, 4, 26), (Marcum, 1, 4, 30)],
 )  # fmt: skip
 def test_far_tails(cls, number, cells, decibels):
-    """Swerling 4 with N = 100 is where an alternating sum gives P_D = −79.7."""
+    """Swerling 4 with N = 100 is where an alternating sum gives P_D = −79.7.
+
+    A few cells give the counts of the noise a long tail, which the last terms of the sum need.
+    """
     detector, p_fa = cls(pulses=number, cfar=cells and CellAveraging(cells)), 1e-6
     snr = 10.0 ** (decibels / 10)
     pulses = detector.tails(p_fa)
@@ -131,18 +135,6 @@ def test_a_strong_steady_target_by_bessel_functions(number):
                 j += 1
             assert abs(mpf(float(tail.log[0])) / (mp.log(total) - m - t) - 1) < mpf("1e-14")
             assert abs(mpf(float(tail.rate[0])) / (number * first / total) - 1) < mpf("1e-12")
-
-
-@pytest.mark.parametrize("cls", [Marcum, Swerling1, Swerling3])
-def test_closed_forms_of_one_pulse_agree_with_the_sum(cls):
-    """The closed forms and the series of a single pulse agree with the sum."""
-    snr = 10 ** np.linspace(-4, 3, 60)
-    for p_fa in (1e-12, 1.7e-4, 0.5):
-        z, by_snr = cls().linearize_probit(snr, p_fa)
-        summed, slope = exact(cls(), snr, p_fa)
-        near = abs(z) < 38  # where Marcum's series has all its digits
-        assert_allclose(summed, z, rtol=1e-12, atol=1e-12)
-        assert_allclose(slope[near], by_snr[near], rtol=1e-12)
 
 
 @pytest.mark.parametrize(("number", "p_fa"), [(280, 1.1e-12), (249, 1.7e-9), (102, 3e-6)])
@@ -261,6 +253,9 @@ def test_m_of_n_against_mpmath():
 # The table.
 
 TABLED = [
+    Marcum(),
+    Swerling1(),
+    Swerling3(),
     Marcum(pulses=10),
     Swerling1(pulses=1000),
     Swerling2(pulses=100, cfar=CellAveraging(24)),
@@ -273,14 +268,16 @@ TABLED = [
 
 @pytest.mark.parametrize("detector", TABLED, ids=str)
 def test_error_of_the_table(detector):
-    """Below 1e-10, of z and of its slope."""
+    """Below 2e-13 of z, and 2e-11 of its slope; of a slow target with 1000 pulses more."""
     rng = np.random.default_rng(6)
     for p_fa in (1e-12, 1e-6, 0.5):
         snr = 10 ** rng.uniform(-4, 6, 300)
         z, by_snr = detector.linearize_probit(snr, p_fa)
         z_exact, slope = exact(detector, snr, p_fa)
-        assert (abs(z - z_exact) <= 1e-10 * np.maximum(1, abs(z_exact))).all()
-        assert_allclose(by_snr, slope, rtol=1e-10)
+        many = detector == Swerling1(pulses=1000)
+        z_error, slope_error = (2e-11, 5e-9) if many else (2e-13, 2e-11)
+        assert (abs(z - z_exact) <= z_error * np.maximum(1, abs(z_exact))).all()
+        assert_allclose(by_snr, slope, rtol=slope_error)
         p_d, by_p_d = linearize(detector, snr, p_fa)
         assert_array_equal(p_d, detector.p_d(snr, p_fa))
         density = np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi)
@@ -294,7 +291,7 @@ def test_error_of_the_table_beyond_80_db(detector):
     z, by_snr = detector.linearize_probit(snr, 1e-6)
     z_exact, slope = exact(detector, snr, 1e-6)
     far = snr * getattr(detector, "pulses", 1) > 1e17
-    assert_allclose(z, z_exact, rtol=1e-10)
+    assert_allclose(z, z_exact, rtol=2e-10)
     assert_allclose(z[~far], z_exact[~far], rtol=1e-12)
     assert_allclose(by_snr, slope, rtol=2e-8)
     assert_allclose(by_snr[~far], slope[~far], rtol=1e-11)
@@ -315,9 +312,7 @@ def test_any_number_of_values_beyond_80_db_costs_one_table(monkeypatch):
     assert sum(computed) < 5000
 
 
-@pytest.mark.parametrize(
-    "detector", [North(), Marcum(), Swerling1(), Swerling3(), *TABLED], ids=str
-)
+@pytest.mark.parametrize("detector", [North(), *TABLED], ids=str)
 def test_more_signal_is_detected_more_often(detector):
     """From P_fa up, and on both sides of where the tail that is summed changes."""
     snr = np.linspace(0, 60, 20001)

@@ -14,7 +14,7 @@ from radar_sense.propagation import METHODS, propagate_scenario
 SET = reading.read()
 #: Relative errors of the package, some twice what is measured. The gradient has the error of each
 #: partial times the deviation of its state, over σ: a partial may be a small difference.
-P_D, SLOPE = 2e-14, 1e-12
+P_D, SLOPE = 2e-14, 4e-12
 #: What is printed as 0 is smaller than this.
 ZERO = 1e-40
 
