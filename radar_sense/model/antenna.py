@@ -190,8 +190,9 @@ class Mask(_Directions):
         Nothing is known of the azimuth, so that the least and the greatest of the mask count.
         """
         _, elevation, distance = self._direction(aircraft, radar)
-        part = np.divide(error, distance, out=np.ones_like(distance), where=distance > error)
-        turn = np.arcsin(part)
+        apart = distance > error  # else any direction is possible
+        part = np.divide(error, distance, out=np.zeros_like(distance), where=apart)
+        turn = np.where(apart, np.arcsin(part), np.pi)
         low, high = elevation - turn, elevation + turn
         return low - self.elevation.max(), high - self.elevation.min()
 

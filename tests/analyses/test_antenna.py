@@ -200,6 +200,11 @@ def test_sight_is_certain_where_it_says_so():
         visible = radar.visible(moved, own)
         assert visible[sight == ALWAYS].all()
         assert not visible[sight == NEVER].any()
+    # an aircraft that is farther off than away can be in any direction
+    below = np.array([0.0, 0.0, 50.0, 0.0, 0.0, 0.0])
+    low, high = mask.clearance_within(below, np.zeros(4), np.array(100.0))
+    assert low <= np.deg2rad(-90 - 4)
+    assert high >= np.deg2rad(90 + 2)
 
 
 def test_a_gap_of_the_mask_between_two_rows_is_found(tool, tmp_path):
