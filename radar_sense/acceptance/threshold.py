@@ -161,7 +161,13 @@ class Decision:
     wanted: int
 
 
-def decide(scenario: Scenario, p_max: float, k: float, first: Estimate | None = None) -> Decision:
+def decide(
+    scenario: Scenario,
+    p_max: float,
+    k: float,
+    first: Estimate | None = None,
+    rows: NDArray[np.intp] | None = None,
+) -> Decision:
     """Return what draws say of P(P_D > p_max) ≤ 1 − Φ(k) at each pose of a path.
 
     The chance of a false decision counts every look that there may be at a pose. It is therefore
@@ -172,6 +178,7 @@ def decide(scenario: Scenario, p_max: float, k: float, first: Estimate | None = 
         p_max: The limit of P_D.
         k: k of the bound.
         first: What draws say that are made already; None for a first look.
+        rows: Poses of which something is to be said; None for all.
     """
     tail, poses = float(ndtr(-k)), len(scenario.aircraft)
     wanted = math.ceil(math.log(CHANCE) / math.log1p(-tail))
@@ -180,18 +187,18 @@ def decide(scenario: Scenario, p_max: float, k: float, first: Estimate | None = 
     to_hold, to_violate = ndtri(1.0 - CHANCE / LOOKS), ndtri(1.0 - CHANCE / (poses * LOOKS))
 
     def decided(
-        rows: NDArray[np.intp], found: Estimate
+        some: NDArray[np.intp], found: Estimate
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return where the test holds and where it is violated."""
         below, error = tail - found.above, found.above_error
         # as many runs or more exceed the limit with this probability, if the draws are right
-        counts, most = runs.counts[rows], runs.runs * (found.above + 3.0 * found.above_error)
+        counts, most = runs.counts[some], runs.runs * (found.above + 3.0 * found.above_error)
         consistent = (counts == 0) | (pdtrc(counts - 1.0, most) > ALARM)
         holds = (to_hold * error <= below) & consistent & (runs.runs >= wanted)
         return holds, to_violate * error < -below
 
     looks = Looks(scenario.states(), k, p_max, first)
-    drawn = looks.until(lambda rows, found: np.logical_or(*decided(rows, found)), LAST)
+    drawn = looks.until(lambda some, found: np.logical_or(*decided(some, found)), LAST, rows)
     return Decision(*decided(every, drawn), drawn.upper, runs, wanted)
 
 
@@ -230,9 +237,11 @@ def path_test(scenario: Scenario, method: str, p_max: float, k: float, band: Ban
         return band_of_scenario(path_scenario, method=method, beta=k, p_max=p_max)
 
     path = refinement.resolve(scenario, propagate, p_max, band)
-    decision = decide(path.scenario, p_max, k, path.band.drawn)
-    upper, by_draws = path.band.upper.copy(), path.band.error > 0
     certain = path.band.p_d > p_max
+    # Draws change no verdict where P_D itself is above, but they may be the bound of `automatic`.
+    rows = None if method == AUTOMATIC else np.flatnonzero(~certain)
+    decision = decide(path.scenario, p_max, k, path.band.drawn, rows)
+    upper, by_draws = path.band.upper.copy(), path.band.error > 0
     if method == AUTOMATIC:
         # FORM may be on the other side of the limit within its tolerance
         sides = (decision.holds & (upper > p_max)) | (decision.violated & ~(upper > p_max))

@@ -39,32 +39,26 @@ class Looks:
         p_max: float = np.nan,
         first: Estimate | None = None,
     ) -> None:
-        self.states, self._beta, self._p_max = states, beta, p_max
+        self.states, self._beta, self._p_max, self._given = states, beta, p_max, first
         self._drawn: dict[int, Estimate] = {}
-        if first is not None:
-            self.first = first
-
-    @cached_property
-    def first(self) -> Estimate:
-        """What few draws say of P_D at each pose, more of them where the RCS has lobes."""
-        found, with_lobes = Estimate.constant(len(self.states), np.nan), lobed(self.states)
-        for mask, draws in ((~with_lobes, FIRST), (with_lobes, LOBED)):
-            rows = np.flatnonzero(mask)
-            if rows.size:
-                found.put(rows, self._at(rows, draws))
-        return found
 
     def until(
-        self, settled: Callable[[NDArray[np.intp], Estimate], NDArray[np.bool_]], most: int
+        self,
+        settled: Callable[[NDArray[np.intp], Estimate], NDArray[np.bool_]],
+        most: int,
+        rows: NDArray[np.intp] | None = None,
     ) -> Estimate:
         """Return what draws say of P_D, more of them at poses that are not settled.
 
         Args:
             settled: Returns where (j,) an estimate at the poses (j,) is enough.
             most: Most draws at a pose.
+            rows: Poses to look at, NaN at the others; None for all.
         """
         k = len(self.states)
-        drawn, rows = self.first.at(slice(None)), np.arange(k)
+        rows = np.arange(k) if rows is None else rows
+        drawn = Estimate.constant(k, np.nan)
+        drawn.put(rows, self._first(rows))
         while rows.size:
             rows = rows[~settled(rows, drawn.at(rows))]
             report("poses looked at by draws", k - rows.size, k)
@@ -74,6 +68,20 @@ class Looks:
                 some = rows[more == draws]
                 drawn.put(some, self._at(some, int(draws)))
         return drawn
+
+    def _first(self, rows: NDArray[np.intp]) -> Estimate:
+        """Return what few draws say of P_D at some poses, more of them where the RCS has lobes."""
+        if self._given is not None:
+            return self._given.at(rows)
+        found, with_lobes = Estimate.constant(len(rows), np.nan), self._lobed[rows]
+        for mask, draws in ((~with_lobes, FIRST), (with_lobes, LOBED)):
+            if mask.any():
+                found.put(np.flatnonzero(mask), self._at(rows[mask], draws))
+        return found
+
+    @cached_property
+    def _lobed(self) -> NDArray[np.bool_]:
+        return lobed(self.states)
 
     def _at(self, rows: NDArray[np.intp], draws: int) -> Estimate:
         """Return what this number of draws says at some poses, from before where it is known."""

@@ -25,7 +25,8 @@ from radar_sense.propagation import (
     distribution,
     propagate_scenario,
 )
-from radar_sense.propagation.looks import LAST, Looks
+from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.looks import LAST
 
 FEW = {"start": 45, "stop": 60, "step": 15}
 #: A straight flight past the radar: two rows far away, where P_D is small.
@@ -492,7 +493,7 @@ def test_a_path_that_is_not_resolved_does_not_hold(monkeypatch):
 def test_runs_of_the_path_contradict_draws_that_missed_a_tail():
     """The draws are made up: they have no P_D above the threshold, with an error of 0."""
     s = scenario(geometry__azimuth_deg=FEW)
-    missed = dataclasses.replace(Looks(s.states(), 3.0, 0.5).first, draws=np.full(2, LAST))
+    missed = dataclasses.replace(estimate(s.states(), 1024, 3.0, 0.5), draws=np.full(2, LAST))
     for name in ("above", "above_error"):
         getattr(missed, name)[:] = 0.0
     assert not decide(s, 0.5, 3.0, missed).holds.any()

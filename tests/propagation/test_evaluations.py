@@ -9,7 +9,7 @@ import pytest
 from helpers import scenario, with_arrays
 
 import radar_sense as rs
-from radar_sense.acceptance.threshold import decide
+from radar_sense.acceptance.threshold import decide, path_test
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
@@ -116,6 +116,18 @@ def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
     on = decide(s, p_max, 3.0, band.drawn)
     np.testing.assert_array_equal(on.holds, again.holds)
     np.testing.assert_array_equal(on.violated, again.violated)
+
+
+def test_no_draws_are_made_where_p_d_itself_is_above_the_limit(count):
+    """By a named method: only the runs of the path are made, and its P_D is scanned."""
+    s = problem(1)
+    band = band_of_scenario(s, method="linear")
+    p_max = 0.9 * float(band.p_d.min())
+    tested = path_test(s, "linear", p_max, 3.0, band)
+    assert tested.test.violated.all()
+    poses = len(tested.path.scenario.aircraft)
+    _, values = count(lambda s: path_test(s, "linear", p_max, 3.0, band), s)
+    assert values * len(s.aircraft) - tested.decision.runs.runs * poses < FIRST
 
 
 def test_form_of_the_radars_that_see_a_pose(half_blind):
