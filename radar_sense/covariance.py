@@ -204,14 +204,14 @@ def block_square_root(covariance: FloatArray) -> FloatArray:
     A column of F belongs to one block. Columns without variance are 0: the error that two
     components share, for example, has one column.
     """
-    left, sqrt_cov = set(range(len(covariance))), np.zeros_like(covariance)
-    while left:
-        block = {left.pop()}
-        while more := set(np.flatnonzero(covariance[list(block)].any(axis=0)).tolist()) - block:
-            block |= more
-        left -= block
-        places = sorted(block)
-        sqrt_cov[np.ix_(places, places)] = square_root(covariance[np.ix_(places, places)])
+    linked = np.where((covariance != 0) | np.eye(len(covariance), dtype=bool), 1.0, 0.0)
+    while np.any((further := np.minimum(linked @ linked, 1.0)) > linked):
+        linked = further
+    first = linked.argmax(axis=1)  # the first component of the block of each
+    sqrt_cov = np.diag(np.sqrt(np.diagonal(covariance)))
+    for block in np.flatnonzero(np.bincount(first) > 1):
+        places = np.ix_(first == block, first == block)
+        sqrt_cov[places] = square_root(covariance[places])
     return sqrt_cov
 
 

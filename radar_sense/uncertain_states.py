@@ -132,7 +132,7 @@ class UncertainStates:
         if self.whole is not None:
             return self.whole.columns
         if len(self.cov_radar) == 1:
-            return np.flatnonzero(_root(self.cov_radar, self.tolerances).any(axis=(0, 1)))
+            return np.flatnonzero(self._root.any(axis=(0, 1)))
         rest = _without(self.cov_radar, _places_of_constants(self.tolerances))
         return np.flatnonzero(np.diagonal(rest, axis1=1, axis2=2).any(axis=0))
 
@@ -239,7 +239,13 @@ class UncertainStates:
     @cached_property
     def sqrt_cov_radar(self) -> FloatArray:
         """F (k, 7m, r) with F Fᵀ = C_rr but for every c_r with tolerances."""
-        return _root(self.cov_radar, self.tolerances)[:, :, self.columns]
+        return self._root[:, :, self.columns]
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        """F (k, 7m, 7m) with F Fᵀ = C_rr but for every c_r with tolerances, which has 0."""
+        certain = _without(self.cov_radar, _places_of_constants(self.tolerances))
+        return np.stack([block_square_root(matrix) for matrix in certain])
 
     def at_normals(self, u: FloatArray, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
         """Return aircraft states (k, n, 6) and radar states (k, n, 7m) at unit normals.
@@ -352,12 +358,6 @@ def _with_tolerances(
         covariance = np.repeat(covariance, len(radar), axis=0)
     covariance[:, which[:, np.newaxis], which] = of_constants @ of_constants.swapaxes(1, 2)
     return covariance
-
-
-def _root(covariance: FloatArray, tolerances: Sequence[Sequence[Tolerance]]) -> FloatArray:
-    """Return F (k, n, n) with F Fᵀ = C (k, n, n) but for every c_r with tolerances, which has 0."""
-    certain = _without(covariance, _places_of_constants(tolerances))
-    return np.stack([block_square_root(matrix) for matrix in certain])
 
 
 def _places_of_constants(tolerances: Sequence[Sequence[Tolerance]]) -> NDArray[np.intp]:
