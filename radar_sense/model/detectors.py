@@ -174,8 +174,7 @@ class PulseDetector:
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
         """Return P_D (...) at mean signal-to-noise ratios (...) of a pulse, not below zero."""
-        p_d: FloatArray = ndtr(_table(self, p_fa).probit(snr))
-        return p_d
+        return np.asarray(ndtr(self.linearize_probit(snr, p_fa)[0]))
 
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
         """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""

@@ -84,21 +84,6 @@ class ProbitTable:
         table = self._between(self.exact, self.scale, self.highest, FARTHEST, _WIDTH_BEYOND)
         return table.linearize_probit
 
-    def probit(self, snr: FloatArray) -> FloatArray:
-        """Return z (...) at signal-to-noise ratios (...) not below zero."""
-        shape = np.shape(snr)
-        snr = np.atleast_1d(np.asarray(snr, dtype=float))
-        cell, place = self._find(snr)
-        z = self.coefficients[-1].take(cell)
-        for coefficient in self.coefficients[-2::-1]:
-            z *= place
-            z += coefficient.take(cell)
-        beyond = snr > self.highest
-        if beyond.any():
-            z[beyond] = self._beyond(snr[beyond])[0]
-        probit: FloatArray = z.reshape(shape)[()]
-        return probit
-
     def linearize_probit(self, snr: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return z (...) and dz/dS (...)."""
         shape = np.shape(snr)
