@@ -14,6 +14,7 @@ from radar_sense.errors import InputError, shorten
 from radar_sense.scenario_file.place import NO_TAG, compose
 
 _PART = re.compile(r"[^.\[\]]+|\[[0-9]{1,4}\]")
+_PATH = re.compile(r"[^.\[\]]+(\.[^.\[\]]+|\[[0-9]{1,4}\])*")
 
 
 def change(root: yaml.Node, path: str, value: str) -> None:
@@ -25,9 +26,11 @@ def change(root: yaml.Node, path: str, value: str) -> None:
         value: The value as YAML; "" takes the key away.
 
     Raises:
-        InputError: If the path leads nowhere, or the value is not valid YAML.
+        InputError: If the path is none or leads nowhere, or the value is not valid YAML.
     """
     option = f"--set {path}={value}"
+    if not _PATH.fullmatch(path):
+        raise InputError(f"{option}: write a key before the =, such as radar.p_fa=1e-6")
     try:
         new = compose(value or "{}", option)
     except InputError as error:
@@ -51,8 +54,6 @@ def change(root: yaml.Node, path: str, value: str) -> None:
             node.value[place : place + 1] = [] if ends and not value else [pair]
             found = [pair]
         node = found[0] if isinstance(node, yaml.SequenceNode) else found[0][1]
-    if not parts:
-        raise InputError(f"{option}: write a key before the =, such as radar.p_fa=1e-6")
 
 
 def _entry(node: yaml.SequenceNode, part: str, option: str) -> int:

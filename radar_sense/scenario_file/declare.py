@@ -225,10 +225,12 @@ def _unknown(
         allowed: Keys of the section.
         owners: Names of other sections that have the key.
     """
+    at = place.of_key(name)
     hint = f"; it is a key of {', '.join(owners)}" if owners else ""
-    return place.of_key(name).error(
+    meant = allowed if at.is_set else [other for other in allowed if other not in place.items()]
+    return at.error(
         f"unknown key {shorten(name)}, allowed: {', '.join(allowed)}"
-        + (hint or did_you_mean(name, set(allowed) - set(place.items())))
+        + (hint or did_you_mean(name, meant))
     )
 
 
@@ -613,23 +615,16 @@ def list_of(cls: type, most: int, what: str) -> Kind:
     )
 
 
-def number_or(limit: Limit, cls: type) -> Kind:
-    """Return the kind of a number, or a section in its place."""
-    one, instead = number(limit), section(cls)
-    return _either(
-        (one, instead),
-        lambda place: instead if place.is_mapping else one,
-        lambda value: instead if isinstance(value, cls) else one,
-    )
+def or_section(kind: Kind | Limit | Text, cls: type) -> Kind:
+    """Return a kind, or a section in its place: a mapping, with a key of it if both are one."""
+    first, instead, names = _kind(kind), section(cls), {k.name for k in keys_of(cls)}
 
+    def of_place(place: Place) -> Kind:
+        is_section = place.is_mapping and (not first.sections() or names & place.items().keys())
+        return instead if is_section else first
 
-def or_with(kind: Kind, cls: type) -> Kind:
-    """Return a kind of a mapping, or a section in its place if a key of the section is there."""
-    names, instead = {k.name for k in keys_of(cls)}, section(cls)
     return _either(
-        (kind, instead),
-        lambda place: instead if place.is_mapping and names & place.items().keys() else kind,
-        lambda value: instead if isinstance(value, cls) else kind,
+        (first, instead), of_place, lambda value: instead if isinstance(value, cls) else first
     )
 
 

@@ -45,12 +45,10 @@ from radar_sense.scenario_file.declare import (
     matrix,
     named,
     number,
-    number_or,
     numbers,
-    or_with,
+    or_section,
     schema,
     section,
-    text,
     words,
     write,
     yes_no,
@@ -117,10 +115,10 @@ def _tolerances() -> type:
         if f.default is dataclasses.MISSING
     }
     keys: dict[str, Any] = {
-        name: key(f"Standard deviation of {name}.", number_or(limit, HalfWidth), default=None)
+        name: key(f"Standard deviation of {name}.", or_section(limit, HalfWidth), default=None)
         for name, limit in limits.items()
     }
-    losses = named(_LOSS, number_or(STD_DB, HalfWidth), "loss")
+    losses = named(_LOSS, or_section(STD_DB, HalfWidth), "loss")
     keys[LOSSES_KEY] = key("Standard deviations of the losses by name.", losses, default=None)
     return _section("Tolerances", "Standard deviations by parameter of a data sheet.", keys)
 
@@ -170,7 +168,7 @@ class RadarUncertainty:
     constant: Any = key(
         "Standard deviation of c_r [J m²/K], or standard deviations by parameter of its data "
         "sheet.",
-        number_or(NOT_NEGATIVE, Tolerances),
+        or_section(NOT_NEGATIVE, Tolerances),
         unless=("covariance",),
     )
     covariance: Any = key(
@@ -251,7 +249,7 @@ class DataFile:
 
 
 #: The name of a file, or a `DataFile`.
-_DATA_FILE = or_with(text(_FILE), DataFile)
+_DATA_FILE = or_section(_FILE, DataFile)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -368,7 +366,7 @@ class Bands:
 class Aircraft:
     """The aircraft."""
 
-    rcs: Any = key("Radar cross section, of all radars or by band.", or_with(_ONE_RCS, Bands))
+    rcs: Any = key("Radar cross section, of all radars or by band.", or_section(_ONE_RCS, Bands))
     attitude_deg: tuple[float, float, float] | None = key(
         "Roll, pitch, yaw on an orbit or a radial, where it is required; not allowed on a path.",
         numbers(3, _ANGLE),

@@ -25,8 +25,8 @@ from radar_sense.scenario_file.declare import (
     matrix,
     named,
     number,
-    number_or,
     numbers,
+    or_section,
     read,
     words,
     write,
@@ -73,7 +73,7 @@ class Cart:
         default=None,
     )
     parts: Any = key("Parts.", named(LEVEL_NAME, number(ANY), "part"), default=None)
-    drive: Any = key("Drive.", number_or(NOT_NEGATIVE, Wheel), default=None)
+    drive: Any = key("Drive.", or_section(NOT_NEGATIVE, Wheel), default=None)
 
 
 GOOD = """\
