@@ -512,14 +512,13 @@ def diff(first: Path, second: Path) -> None:
       radar-sense diff before/my_budget.json after/my_budget.json
     """
     from radar_sense import differences
-    from radar_sense.scenario_file.text_file import decoded, open_text
+    from radar_sense.scenario_file.text_file import read_text
 
     with _refusals():
-        records = []
-        for path in (first, second):
-            with open_text(path, "a record", MOST_RECORD) as file:
-                text = decoded(file.read(MOST_RECORD + 1), str(path))
-            records.append(differences.parsed(text, str(path)))
+        records = [
+            differences.parsed(read_text(path, "a record", MOST_RECORD), str(path))
+            for path in (first, second)
+        ]
         for line in differences.compared(*records):
             click.echo(printable(line))
 
