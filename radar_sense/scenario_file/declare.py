@@ -3,7 +3,7 @@
     @dataclass(frozen=True, kw_only=True)
     class Circle:
         range_km: float = key("Horizontal radius of the orbit.", NOT_NEGATIVE)
-        azimuth_from: str = key("Direction of azimuth 0.", words("east", "north"), default="east")
+        azimuth_from: str = key("Direction of azimuth 0.", ("east", "north"), default="east")
 
 `read(place, Circle)` returns a `Circle` with the numbers as typed, or raises an error with file,
 line, path of keys, what is allowed and what was probably meant. `write(circle)` is the section as
@@ -67,7 +67,7 @@ class Kind:
 
 def key(
     meaning: str,
-    kind: Kind | Limit | Text | type,
+    kind: Kind | Limit | Text | tuple[str, ...] | type | Mapping[str, type],
     *,
     default: Any = REQUIRED,
     one_of: str = "",
@@ -78,8 +78,8 @@ def key(
 
     Args:
         meaning: Meaning of the value, a sentence. A unit that the name does not have is in [].
-        kind: What the value is. A `Limit` stands for a number, a `Text` for text, and a dataclass
-            for a section.
+        kind: What the value is. A `Limit` stands for a number, a `Text` for text, a tuple for one
+            of its words, a dataclass for a section, and dataclasses by name for one by its `type`.
         default: Value of a missing key. Without a default the key is required.
         one_of: Name of a group. Keys of a group exclude each other, and one of them is required.
         unless: The key is required unless one of these keys is given.
@@ -87,7 +87,7 @@ def key(
     """
     if (one_of or unless) and default is REQUIRED:
         default = None
-    metadata = {"meaning": meaning, "kind": _kind(kind), "one_of": one_of}
+    metadata = {"meaning": meaning, "kind": kind, "one_of": one_of}
     metadata |= {"unless": tuple(unless), "instead_of": tuple(instead_of)}
     return dataclasses.field(default=default, metadata=metadata)
 
@@ -340,12 +340,14 @@ def _with(*names: str) -> Schema:
 # Kinds of values.
 
 
-def _kind(kind: Kind | Limit | Text | type | Mapping[str, type]) -> Kind:
-    """Return the kind for which a limit, a text, a dataclass or dataclasses by type stand."""
+def _kind(kind: Kind | Limit | Text | tuple[str, ...] | type | Mapping[str, type]) -> Kind:
+    """Return the kind for which another declaration stands, as in `key`."""
     if isinstance(kind, Limit):
         return number(kind)
     if isinstance(kind, Text):
         return text(kind)
+    if isinstance(kind, tuple):
+        return words(kind)
     if isinstance(kind, Mapping):
         return by_word("type", kind)
     return kind if isinstance(kind, Kind) else section(kind)
@@ -415,7 +417,7 @@ def text(pattern: Text) -> Kind:
     return Kind(pattern.words, read, lambda: dict(matches))
 
 
-def words(*choices: str) -> Kind:
+def words(choices: tuple[str, ...]) -> Kind:
     """Return the kind of one of some words."""
     numbers = [int(word) for word in choices if word.isdigit()]  # as YAML reads a word of digits
     return Kind(

@@ -49,7 +49,6 @@ from radar_sense.scenario_file.declare import (
     or_section,
     schema,
     section,
-    words,
     write,
     yes_no,
 )
@@ -61,11 +60,6 @@ _LOSS = Text(
     "the name of a loss, up to 30 letters a to z, digits and '_', a letter first",
 )
 SPEED = Limit(at_least=1e-3, at_most=1e5)
-#: The lowest and highest sea level above the ellipsoid [m], by EGM2008 −107 and 86.
-GEOID_HEIGHT = Limit(at_least=-110, at_most=90)
-#: What altitudes may be above.
-ALTITUDES = ("ellipsoid", "sea", "pressure")
-ICAO24 = Text("[0-9A-Fa-f]{6}", "6 digits 0 to 9 and a to f")
 _ANGLE = Limit(at_least=-360, at_most=360)
 _AZIMUTH = Limit(at_least=-360, at_most=720)
 #: Meaning and kind of the keys that several sections have.
@@ -73,7 +67,7 @@ _CSV_FILE = "Name of a CSV file, from the folder of the scenario file.", _FILE
 _DIGEST = "Digest that the file must have.", Text("[0-9a-f]{64}", "64 digits 0 to 9 and a to f")
 _AZIMUTH_FROM = (
     "Direction of azimuth 0: east as in the paper, or north as on a compass.",
-    words("east", "north"),
+    ("east", "north"),
 )
 #: Names of detectors elsewhere: a target that does not fluctuate is Swerling's case 0 or 5.
 _STEADY = dict.fromkeys(("swerling0", "swerling5"), "marcum")
@@ -232,7 +226,7 @@ def _data_sheet(kind: str) -> type:
     keys[LOSSES_KEY] = key("Further losses by name [dB].", losses, default=None)
     if kind == "surveillance":
         keys["search_factor"] = key(
-            "Divisor of the power-aperture product in c_r.", words(*SEARCH_FACTORS), default="16"
+            "Divisor of the power-aperture product in c_r.", tuple(SEARCH_FACTORS), default="16"
         )
     return _section(kind.capitalize(), f"{RADARS[kind].__doc__}", keys)
 
@@ -417,7 +411,7 @@ class Interpolation:
     """Poses at equal steps of time."""
 
     step_s: float = key("Step of time.", POSITIVE)
-    method: str = key("Interpolation in time.", words(*trajectory.METHODS), default="legs")
+    method: str = key("Interpolation in time.", tuple(trajectory.METHODS), default="legs")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -425,7 +419,7 @@ class Path:
     """The path of a route file."""
 
     file: str = key("Name of a route file, from the folder of the scenario file.", _FILE)
-    axis: str = key("Axis of tables and figures.", words("time", "distance"), default="time")
+    axis: str = key("Axis of tables and figures.", ("time", "distance"), default="time")
     origin: Geodetic | None = key(
         "Origin of the frame of a route in latitude and longitude.", Geodetic, default=None
     )
@@ -440,12 +434,12 @@ class Path:
     altitude_above: str | None = key(
         "What the altitudes of the file are above. Without the key: the sea in GPX, else the "
         "ellipsoid. The sea and pressure altitude need geoid_height_m.",
-        words(*ALTITUDES),
+        ("ellipsoid", "sea", "pressure"),
         default=None,
     )
     geoid_height_m: float | None = key(
         "Height of the sea level above the WGS-84 ellipsoid on the route.",
-        GEOID_HEIGHT,
+        Limit(at_least=-110, at_most=90),  # by EGM2008 from -107 to 86
         default=None,
     )
     down_km: float = key(
@@ -459,7 +453,7 @@ class Path:
     )
     icao24: str | None = key(
         "Address of the aircraft in a file of ADS-B state vectors with several aircraft.",
-        ICAO24,
+        Text("[0-9A-Fa-f]{6}", "6 digits 0 to 9 and a to f"),
         default=None,
     )
     sha256: str | None = key(*_DIGEST, default=None)
@@ -476,7 +470,7 @@ class Analysis:
     runs: int = key("Monte Carlo runs.", RUNS, default=500)
     seed: int = key("Seed of the random numbers.", SEED, default=1)
     method: str = key(
-        "How uncertain states become a distribution of P_D.", words(*METHODS), default="automatic"
+        "How uncertain states become a distribution of P_D.", METHODS, default="automatic"
     )
 
 
@@ -500,7 +494,7 @@ class File:
     aircraft: Aircraft = key("RCS and attitude of the aircraft.", Aircraft)
     geometry: Orbit | Radial | Path = key(
         "The poses of the aircraft: an orbit, a line of ranges or a path.",
-        by_word("type", {"orbit": Orbit, "radial": Radial, "path": Path}),
+        {"orbit": Orbit, "radial": Radial, "path": Path},
     )
     uncertainty: Uncertainty = key("Covariances of the states.", Uncertainty)
     analysis: Analysis = key("Choices for the analyses.", Analysis)
