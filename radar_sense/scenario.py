@@ -358,7 +358,7 @@ class Scenario:
     def with_keys(self, changes: Mapping[str, Any]) -> Scenario:
         """Return the scenario of the same file with other values of some keys.
 
-        Level, method, runs and seed are those of this scenario.
+        Level, method, runs and seed are those of this scenario unless they are among the keys.
 
         Args:
             changes: Values by path of keys, such as {"radar.constant": 200}.
@@ -369,12 +369,11 @@ class Scenario:
         source = self.source
         if source is None or not self._is_as_made:
             raise InputError("keys can be changed of a scenario that is as its file made it")
-        changed = source.again(changes).with_analysis(
-            level=self.level, runs=self.runs, seed=self.seed, method=self.method
-        )
-        chosen = self.model.names
-        if len(chosen) < len(changed.model.names):
-            return for_radar(changed, *chosen)
+        kept = [n for n in _CHOICES if not {"analysis", f"analysis.{n}"} & changes.keys()]
+        changed = source.again(changes).with_analysis(**{n: getattr(self, n) for n in kept})
+        names = self.model.names
+        if len(names) < len(changed.model.names):
+            return for_radar(changed, *names)
         return changed
 
     def resolved(self) -> dict[str, Any]:
@@ -403,12 +402,7 @@ class Scenario:
             }
             sections = {k: {"type": "states", **_recorded(v)} for k, v in states.items()}
             document = {"name": self.name, **sections}
-        analysis = {
-            "level": self.level,
-            "runs": self.runs,
-            "seed": self.seed,
-            "method": self.method,
-        }
+        analysis = {name: getattr(self, name) for name in _CHOICES}
         return document | {"name": self.name, "analysis": analysis}
 
     @property
@@ -430,12 +424,8 @@ class Scenario:
         Raises:
             InputError: If there is no such level or method, or runs or seed are out of range.
         """
-        chosen = self._with(
-            level=self.level if level is None else level,
-            runs=self.runs if runs is None else runs,
-            seed=self.seed if seed is None else seed,
-            method=self.method if method is None else method,
-        )
+        given = {"level": level, "runs": runs, "seed": seed, "method": method}
+        chosen = self._with(**{name: value for name, value in given.items() if value is not None})
         chosen._check_choices()
         return chosen._with(runs=int(chosen.runs), seed=int(chosen.seed))
 
@@ -456,8 +446,9 @@ class Scenario:
                 array.flags.writeable = False
 
 
-#: The fields that a file makes.
+#: The fields that a file makes, and those that its section `analysis` chooses.
 _OF_FILE = ("radars", "geometry", "rcs_db", "correlation_s")
+_CHOICES = ("level", "runs", "seed", "method")
 
 
 def check_scenario(scenario: object) -> None:

@@ -43,8 +43,7 @@ def test_a_change_is_the_file_with_another_value(key, value):
     expected = parse_scenario(dump_yaml(document(**{key.replace(".", "__"): value})), "paper.yaml")
     assert_same(rs.load_scenario(changes={key: value}), expected)
     assert_same(rs.load_scenario(changes={key: json.dumps(value)}), expected)
-    if not key.startswith("analysis."):  # which stays as it was chosen
-        assert_same(rs.load_scenario().with_keys({key: value}), expected)
+    assert_same(rs.load_scenario().with_keys({key: value}), expected)
 
 
 def test_places_of_lists_and_radars_by_name():
@@ -120,6 +119,7 @@ def test_choices_and_the_radar_stay():
     s = rs.load_scenario(NETWORK).with_analysis(level="low", seed=5, runs=7, method="linear")
     changed = s.with_keys({"radars.ridge.p_fa": 1e-5})
     assert (changed.level, changed.seed, changed.runs, changed.method) == ("low", 5, 7, "linear")
+    assert s.with_keys({"analysis.seed": 6}).seed == 6
     alone = for_radar(s, "ridge").with_keys({"radars.ridge.p_fa": 1e-5})
     assert alone.model.names == ("ridge",)
     assert alone.model.models[0].p_fa == 1e-5
