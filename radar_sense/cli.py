@@ -438,11 +438,11 @@ def _inputs(config: Path | None, scenario: Scenario) -> list[Path]:
 
     def named(content: object) -> Iterator[Path]:
         if isinstance(content, Mapping):
-            for key, value in content.items():
-                if key == "file":
-                    yield Path(value)
-                else:
-                    yield from named(value)
+            if "file" in content:
+                yield Path(content["file"])
+            content = [*content.values()]
+        for item in content if isinstance(content, list) else ():
+            yield from named(item)
 
     return [*([] if config is None else [config]), *named(scenario.resolved())]
 
