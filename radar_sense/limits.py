@@ -141,6 +141,11 @@ def parameter(
     return field(default=default, metadata={"key": key, "meaning": meaning, "kind": kind})
 
 
+def checked(kind: Limit | Text | tuple[str, ...], *, default: Any) -> Any:
+    """Declare a dataclass field whose value `check_parameters` checks."""
+    return field(default=default, metadata={"kind": kind})
+
+
 def plain_number(value: Any) -> Any:
     """Return a NumPy scalar or an array without axes as a Python number; else the value."""
     return value.item() if getattr(value, "ndim", None) == 0 else value

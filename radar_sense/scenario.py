@@ -28,6 +28,8 @@ from radar_sense.limits import (
     SEED,
     STD_DB,
     check_number,
+    check_parameters,
+    checked,
 )
 from radar_sense.model.geodesy import is_place
 from radar_sense.model.network import NetworkModel
@@ -94,12 +96,12 @@ class Scenario:
 
     radars: tuple[Radar, ...]
     geometry: Geometry
-    name: str = "scenario"
+    name: str = checked(NAME, default="scenario")
     level: str = ""
-    runs: int = 500
-    seed: int = 1
-    method: str = "automatic"
-    rcs_db: float = 0.0
+    runs: int = checked(RUNS, default=500)
+    seed: int = checked(SEED, default=1)
+    method: str = checked(METHODS, default="automatic")
+    rcs_db: float = checked(STD_DB, default=0.0)
     correlation_s: float = 0.0
     source: Source | None = None
 
@@ -113,8 +115,6 @@ class Scenario:
             object.__setattr__(self, "level", self.levels[0])
         self._check_poses()
         self._check_choices()
-        object.__setattr__(self, "runs", int(self.runs))  # 500.0 is a whole number too
-        object.__setattr__(self, "seed", int(self.seed))
 
     def _check_radars(self) -> None:
         of_band = {radar.band: radar.model.rcs for radar in self.radars}
@@ -176,15 +176,10 @@ class Scenario:
             raise InputError(f"covariance of the aircraft{pose} {wrong[1]}")
 
     def _check_choices(self) -> None:
-        if not NAME.allows(self.name):
-            raise InputError(f"name must be {NAME}, got {self.name!r}")
+        check_parameters(self)
         check_choice("level", self.level, self.levels)
-        check_choice("method", self.method, METHODS)
-        for name, value, limit in (("runs", self.runs, RUNS), ("seed", self.seed, SEED)):
-            check_number(name, value, limit)
         if self.correlation_s != math.inf:
             check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
-        check_number("rcs_db", self.rcs_db, STD_DB)
         if self.rcs_db and any(radar.model.has_spread for radar in self.radars):
             raise InputError(
                 "rcs_db and std_db of the RCS table exclude each other: both are the uncertainty "
@@ -427,7 +422,7 @@ class Scenario:
         given = {"level": level, "runs": runs, "seed": seed, "method": method}
         chosen = self._with(**{name: value for name, value in given.items() if value is not None})
         chosen._check_choices()
-        return chosen._with(runs=int(chosen.runs), seed=int(chosen.seed))
+        return chosen
 
     def _with(self, **changes: Any) -> Scenario:
         """Return the scenario with fields that need no new check."""
