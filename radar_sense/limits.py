@@ -141,8 +141,8 @@ def parameter(
     return field(default=default, metadata={"key": key, "meaning": meaning, "kind": kind})
 
 
-def checked(kind: Limit | Text | tuple[str, ...], *, default: Any) -> Any:
-    """Declare a dataclass field whose value `check_parameters` checks."""
+def declared(kind: Limit | Text | tuple[str, ...] | type, *, default: Any) -> Any:
+    """Declare a dataclass field that `check_parameters` checks. A default of None is allowed."""
     return field(default=default, metadata={"kind": kind})
 
 

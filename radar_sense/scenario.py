@@ -29,7 +29,7 @@ from radar_sense.limits import (
     STD_DB,
     check_number,
     check_parameters,
-    checked,
+    declared,
 )
 from radar_sense.model.geodesy import is_place
 from radar_sense.model.network import NetworkModel
@@ -96,12 +96,12 @@ class Scenario:
 
     radars: tuple[Radar, ...]
     geometry: Geometry
-    name: str = checked(NAME, default="scenario")
+    name: str = declared(NAME, default="scenario")
     level: str = ""
-    runs: int = checked(RUNS, default=500)
-    seed: int = checked(SEED, default=1)
-    method: str = checked(METHODS, default="automatic")
-    rcs_db: float = checked(STD_DB, default=0.0)
+    runs: int = declared(RUNS, default=500)
+    seed: int = declared(SEED, default=1)
+    method: str = "automatic"
+    rcs_db: float = declared(STD_DB, default=0.0)
     correlation_s: float = 0.0
     source: Source | None = None
 
@@ -178,6 +178,7 @@ class Scenario:
     def _check_choices(self) -> None:
         check_parameters(self)
         check_choice("level", self.level, self.levels)
+        check_choice("method", self.method, METHODS)
         if self.correlation_s != math.inf:
             check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
         if self.rcs_db and any(radar.model.has_spread for radar in self.radars):

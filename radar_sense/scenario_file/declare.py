@@ -146,7 +146,7 @@ def keys_of(cls: Any) -> tuple[Key, ...]:
         return _KEYS[cls]
     keys = []
     for f in dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ():
-        if "kind" not in f.metadata:
+        if "meaning" not in f.metadata:
             continue
         declared = {"key": f.name, **f.metadata}
         name, meaning, kind = (declared.pop(of) for of in ("key", "meaning", "kind"))

@@ -370,9 +370,9 @@ def test_objects_that_are_not_allowed():
             rs.ElevationGain(np.array([0.0, 0.1]), np.array(gain))
     with pytest.raises(InputError, match="axes must be a rotation"):
         rs.Mask(np.array([0.0, 1.0]), np.zeros(2), axes=np.ones((3, 3)))
-    with pytest.raises(InputError, match="antenna must be an ElevationGain"):
+    with pytest.raises(InputError, match="antenna must be ElevationGain or None"):
         rs.DetectionModel(rs.ConstantRCS(1.0), P_FA, antenna="gain.csv")
-    with pytest.raises(InputError, match="mask must be a Mask"):
+    with pytest.raises(InputError, match="mask must be Mask or None"):
         dataclasses.replace(scenario().radars[0], mask=1)
 
 
