@@ -12,8 +12,8 @@ from radar_sense.errors import InputError, describe
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file import declare, sections
 from radar_sense.scenario_file.build import build
-from radar_sense.scenario_file.changes import change
-from radar_sense.scenario_file.place import parse
+from radar_sense.scenario_file.changes import changed
+from radar_sense.scenario_file.place import Place, parse
 from radar_sense.scenario_file.starters import template
 from radar_sense.scenario_file.text_file import read_text
 
@@ -63,7 +63,7 @@ def parse_scenario(
     root = parse(text, source)
     for key, value in (changes or {}).items():
         words = value if isinstance(value, str) else json.dumps(value, default=str)
-        change(root.node, str(key), words)
+        root = Place(changed(root.node, str(key), words), "", source)
     again = partial(_again, text, source, dict(changes or {}))
     return build(declare.read(root, sections.File), root, again)
 

@@ -58,6 +58,17 @@ def test_places_of_lists_and_radars_by_name():
     assert s.radar[9] == 123
 
 
+def test_an_alias_of_what_is_changed_stays():
+    text = NETWORK.read_text()
+    own = "uncertainty:\n      low:  {position_m: [20, 20, 10]"
+    text = text.replace(own, own.replace("{", "&low {"), 1)
+    text = text.replace("low:  {position_m: [200, 200, 10],    constant: 0.01}", "low:  *low")
+    before = parse_scenario(text)
+    s = parse_scenario(text, changes={"radars.ridge.uncertainty.low.constant": 3})
+    ridge, mobile = (radar.levels["low"].covariance[3, 3] for radar in s.radars[1:])
+    assert (ridge, mobile) == (9, before.radars[2].levels["low"].covariance[3, 3])
+
+
 def test_no_text_takes_a_key_away():
     changes = {"radar.constant": "", "radar.tracking": json.dumps(tracking())}
     assert rs.load_scenario(changes=changes).radar[3] > 0
@@ -90,6 +101,7 @@ def tracking():
         ({"radar.p_fa.x": 1}, "--set radar.p_fa.x=1: '1.7e-4' has no key 'x'"),
         ({"radar.position_m[4]": 1}, "the list has no entry [4], it has [1], [2], [3]"),
         ({"radar.position_m[0]": 1}, "the list has no entry [0], it has [1], [2], [3]"),
+        ({"radars": [{"name": [1]}], "radars[2].p_fa": 1}, "the list has no entry [2], it has [1]"),
         ({"radar.horizon": ""}, "--set radar.horizon=: there is no radar.horizon to take away"),
         ({"": 1}, "write a key before the ="),
         ({".radar.p_fa": 1e-6}, "write a key before the ="),
