@@ -387,7 +387,8 @@ def _analyses() -> dict[str, Command]:
 def _documented(name: str, value: Any) -> str:
     text = f"```python\n{_signature(name, value)}\n```\n\n{_markdown(inspect.getdoc(value))}"
     given = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
-    parameters = [f"- `{f.name}`: {f.metadata['meaning']}\n" for f in given if f.metadata]
+    meanings = {f.name: f.metadata["meaning"] for f in given if "meaning" in f.metadata}
+    parameters = [f"- `{name}`: {meaning}\n" for name, meaning in meanings.items()]
     text += ("\n*Parameters*\n\n" if parameters else "") + "".join(parameters)
     lines = [
         f"- `{_signature(member, attribute, width=1000)}`: {summary}\n"

@@ -29,6 +29,8 @@ def main() -> None:
     # Threads of the linear algebra wait for each other: products of small matrices with many draws
     # take up to eight times the CPU time. NumPy reads the variable when it is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Matplotlib opens no window, and reads no settings of the user.
+    os.environ.update(MPLBACKEND="agg", MATPLOTLIBRC=os.devnull)
     from radar_sense.cli import cli
 
     try:

@@ -91,11 +91,14 @@ def steps(start: float, stop: float, step: float, most: int) -> FloatArray:
             f"must be a step other than 0 that leads from {start:g} to {stop:g}, got {step:g}"
         )
     # Rounding must not lose the last number, as in (180 − 0)/0.1 = 1799.9999999999998.
-    count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
-    if count > most:
-        raise InputError(f"makes {count:,} values, allowed are {most:,}")
-    # Rounding to 1e-12 turns 3 · 0.1 = 0.30000000000000004 into 0.3.
-    return np.round(start + step * np.arange(count), 12)
+    last = (stop - start) / step * (1 + 1e-12) + 1e-9  # may be infinite
+    if last >= most:
+        raise InputError(f"makes {np.floor(last) + 1:,.0f} values, allowed are {most:,}")
+    # Rounding to 1e-12, or to 14 digits of small numbers, turns 3 · 0.1 = 0.30000000000000004 into
+    # 0.3.
+    digits = math.ceil(math.log10(max(abs(start), abs(stop)) or 1.0))
+    decimals = min(max(12, 14 - digits), 40) if digits < 100 else 0  # which cannot overflow
+    return np.round(start + step * np.arange(math.floor(last) + 1), decimals)
 
 
 def azimuth(values: FloatArray) -> Axis:

@@ -371,6 +371,7 @@ def _run(
 ) -> None:
     """Read the scenario, compute, write all files, and print the report and the file names."""
     logging.getLogger("radar_sense").setLevel(logging.ERROR if quiet else logging.WARNING)
+    logging.getLogger("matplotlib").setLevel(logging.CRITICAL)
     chosen = {name: value for name, value in options.items() if value not in (None, ())}
     if values is not None:
         config, by_place = _by_place(analysis, values)
@@ -397,8 +398,7 @@ def _run(
         _interrupts_are_exceptions()
         run.written = "files of two runs may stand side by side, the record tells"
         try:
-            with _plain_matplotlib():
-                written = result.save(out, **size, command=run.command)
+            written = result.save(out, **size, command=run.command)
         except FigureError as error:
             written, failure = list(error.paths), error
         run.written = "all files were written"
@@ -438,32 +438,13 @@ def _inputs(config: Path | None, scenario: Scenario) -> list[Path]:
 
     def named(content: object) -> Iterator[Path]:
         if isinstance(content, Mapping):
-            for key, value in content.items():
-                if key == "file":
-                    yield Path(value)
-                else:
-                    yield from named(value)
+            if "file" in content:
+                yield Path(content["file"])
+            content = [*content.values()]
+        for item in content if isinstance(content, list) else ():
+            yield from named(item)
 
     return [*([] if config is None else [config]), *named(scenario.resolved())]
-
-
-@contextmanager
-def _plain_matplotlib() -> Iterator[None]:
-    """Load Matplotlib without settings of the user, and without messages."""
-    logger, level = logging.getLogger("matplotlib"), logging.getLogger("matplotlib").level
-    settings = {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
-    before = {name: os.environ.get(name) for name in settings}
-    logger.setLevel(logging.CRITICAL)
-    os.environ.update(settings)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @cli.command(cls=OneCommand)
@@ -531,14 +512,13 @@ def diff(first: Path, second: Path) -> None:
       radar-sense diff before/my_budget.json after/my_budget.json
     """
     from radar_sense import differences
-    from radar_sense.scenario_file.text_file import decoded, open_text
+    from radar_sense.scenario_file.text_file import read_text
 
     with _refusals():
-        records = []
-        for path in (first, second):
-            with open_text(path, "a record", MOST_RECORD) as file:
-                text = decoded(file.read(MOST_RECORD + 1), str(path))
-            records.append(differences.parsed(text, str(path)))
+        records = [
+            differences.parsed(read_text(path, "a record", MOST_RECORD), str(path))
+            for path in (first, second)
+        ]
         for line in differences.compared(*records):
             click.echo(printable(line))
 

@@ -10,7 +10,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from numbers import Real
 from typing import Any
 
-from radar_sense.errors import InputError, describe
+from radar_sense.errors import InputError, check_choice, describe
 
 DEG = math.pi / 180.0
 #: Most radars of a scenario.
@@ -141,6 +141,11 @@ def parameter(
     return field(default=default, metadata={"key": key, "meaning": meaning, "kind": kind})
 
 
+def declared(kind: Limit | Text | tuple[str, ...] | type, *, default: Any) -> Any:
+    """Declare a dataclass field that `check_parameters` checks. A default of None is allowed."""
+    return field(default=default, metadata={"kind": kind})
+
+
 def plain_number(value: Any) -> Any:
     """Return a NumPy scalar or an array without axes as a Python number; else the value."""
     return value.item() if getattr(value, "ndim", None) == 0 else value
@@ -159,17 +164,24 @@ def check_number(name: str, value: Any, limit: Limit) -> Any:
 
 
 def check_parameters(instance: Any) -> None:
-    """Make Python numbers of the fields declared with `parameter`, and check the classes of others.
+    """Check the fields that are declared with a kind, and make Python numbers of numbers.
 
     Raises:
-        InputError: If a number is outside the limit, or a field is of another class.
+        InputError: If a value is outside its limit, is none of the words, or is of another class.
     """
     for f in fields(instance):
         value, kind = getattr(instance, f.name), f.metadata.get("kind")
+        if value is None and f.default is None:
+            continue
         if isinstance(kind, Limit):
             number = check_number(f.name, value, kind)
             object.__setattr__(instance, f.name, number)  # the classes are frozen
-        elif kind is not None and value is not None:
+        elif isinstance(kind, Text):
+            if not kind.allows(value):
+                raise InputError(f"{f.name} must be {kind}, got {describe(value)}")
+        elif isinstance(kind, tuple):
+            check_choice(f.name, value, kind)
+        elif isinstance(kind, type | Mapping):
             classes = (kind,) if isinstance(kind, type) else tuple(kind.values())
             if not isinstance(value, classes):
                 allowed = ", ".join(cls.__name__ for cls in classes)

@@ -28,6 +28,8 @@ from radar_sense.limits import (
     SEED,
     STD_DB,
     check_number,
+    check_parameters,
+    declared,
 )
 from radar_sense.model.geodesy import is_place
 from radar_sense.model.network import NetworkModel
@@ -94,12 +96,12 @@ class Scenario:
 
     radars: tuple[Radar, ...]
     geometry: Geometry
-    name: str = "scenario"
+    name: str = declared(NAME, default="scenario")
     level: str = ""
-    runs: int = 500
-    seed: int = 1
+    runs: int = declared(RUNS, default=500)
+    seed: int = declared(SEED, default=1)
     method: str = "automatic"
-    rcs_db: float = 0.0
+    rcs_db: float = declared(STD_DB, default=0.0)
     correlation_s: float = 0.0
     source: Source | None = None
 
@@ -113,8 +115,6 @@ class Scenario:
             object.__setattr__(self, "level", self.levels[0])
         self._check_poses()
         self._check_choices()
-        object.__setattr__(self, "runs", int(self.runs))  # 500.0 is a whole number too
-        object.__setattr__(self, "seed", int(self.seed))
 
     def _check_radars(self) -> None:
         of_band = {radar.band: radar.model.rcs for radar in self.radars}
@@ -176,15 +176,11 @@ class Scenario:
             raise InputError(f"covariance of the aircraft{pose} {wrong[1]}")
 
     def _check_choices(self) -> None:
-        if not NAME.allows(self.name):
-            raise InputError(f"name must be {NAME}, got {self.name!r}")
+        check_parameters(self)
         check_choice("level", self.level, self.levels)
         check_choice("method", self.method, METHODS)
-        for name, value, limit in (("runs", self.runs, RUNS), ("seed", self.seed, SEED)):
-            check_number(name, value, limit)
         if self.correlation_s != math.inf:
             check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
-        check_number("rcs_db", self.rcs_db, STD_DB)
         if self.rcs_db and any(radar.model.has_spread for radar in self.radars):
             raise InputError(
                 "rcs_db and std_db of the RCS table exclude each other: both are the uncertainty "
@@ -358,7 +354,7 @@ class Scenario:
     def with_keys(self, changes: Mapping[str, Any]) -> Scenario:
         """Return the scenario of the same file with other values of some keys.
 
-        Level, method, runs and seed are those of this scenario.
+        Level, method, runs and seed are those of this scenario unless they are among the keys.
 
         Args:
             changes: Values by path of keys, such as {"radar.constant": 200}.
@@ -369,12 +365,11 @@ class Scenario:
         source = self.source
         if source is None or not self._is_as_made:
             raise InputError("keys can be changed of a scenario that is as its file made it")
-        changed = source.again(changes).with_analysis(
-            level=self.level, runs=self.runs, seed=self.seed, method=self.method
-        )
-        chosen = self.model.names
-        if len(chosen) < len(changed.model.names):
-            return for_radar(changed, *chosen)
+        kept = [n for n in _CHOICES if not {"analysis", f"analysis.{n}"} & changes.keys()]
+        changed = source.again(changes).with_analysis(**{n: getattr(self, n) for n in kept})
+        names = self.model.names
+        if len(names) < len(changed.model.names):
+            return for_radar(changed, *names)
         return changed
 
     def resolved(self) -> dict[str, Any]:
@@ -403,12 +398,7 @@ class Scenario:
             }
             sections = {k: {"type": "states", **_recorded(v)} for k, v in states.items()}
             document = {"name": self.name, **sections}
-        analysis = {
-            "level": self.level,
-            "runs": self.runs,
-            "seed": self.seed,
-            "method": self.method,
-        }
+        analysis = {name: getattr(self, name) for name in _CHOICES}
         return document | {"name": self.name, "analysis": analysis}
 
     @property
@@ -430,14 +420,10 @@ class Scenario:
         Raises:
             InputError: If there is no such level or method, or runs or seed are out of range.
         """
-        chosen = self._with(
-            level=self.level if level is None else level,
-            runs=self.runs if runs is None else runs,
-            seed=self.seed if seed is None else seed,
-            method=self.method if method is None else method,
-        )
+        given = {"level": level, "runs": runs, "seed": seed, "method": method}
+        chosen = self._with(**{name: value for name, value in given.items() if value is not None})
         chosen._check_choices()
-        return chosen._with(runs=int(chosen.runs), seed=int(chosen.seed))
+        return chosen
 
     def _with(self, **changes: Any) -> Scenario:
         """Return the scenario with fields that need no new check."""
@@ -456,8 +442,9 @@ class Scenario:
                 array.flags.writeable = False
 
 
-#: The fields that a file makes.
+#: The fields that a file makes, and those that its section `analysis` chooses.
 _OF_FILE = ("radars", "geometry", "rcs_db", "correlation_s")
+_CHOICES = ("level", "runs", "seed", "method")
 
 
 def check_scenario(scenario: object) -> None:

@@ -33,10 +33,12 @@ class Source:
     Attributes:
         owner: "aircraft" or "radar".
         components: Their places in the state, (6,) or (7m,).
+        part_of: Name of the source below which a budget has a finer one.
     """
 
     owner: str
     components: tuple[int, ...]
+    part_of: str = ""
 
 
 def sources(
@@ -93,7 +95,7 @@ def finer_sources(names: Sequence[str], uncertain: Sequence[str]) -> dict[str, S
     for parameter in uncertain:
         for i, name in enumerate(names):
             at = _numbers(of_radar(i))[PARAMETERS[parameter]]
-            finer[f"{name}_{parameter}"] = Source("radar", (at,))
+            finer[f"{name}_{parameter}"] = Source("radar", (at,), part_of=name)
     return finer
 
 

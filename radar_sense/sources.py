@@ -212,14 +212,9 @@ def _budget(
     Fields that only Sobol' indices have are by name of the contribution.
     """
     sources, parts = sources_of(scenario), parts_of(scenario)
-    finer = [name for name in std_by_name if name not in sources and name not in parts]
     part_of = {name: part.source for name, part in parts.items()}
-    part_of |= {
-        name: name.removesuffix(f"_{parameter}")
-        for parameter in scenario.uncertain_parameters
-        for name in finer
-        if name.endswith(f"_{parameter}")
-    }
+    finer = finer_sources(scenario.model.names, scenario.uncertain_parameters)
+    part_of |= {name: source.part_of for name, source in finer.items()}
     variance = np.where(std > 0, std**2, np.nan)
     shares = {name: values**2 / variance for name, values in std_by_name.items()}
     left = 1.0 - np.sum([shares[name] for name in sources], axis=0)
@@ -238,7 +233,7 @@ def _budget(
         mean,
         sources={name: found[name] for name in sources},
         parts={name: found[name] for name in parts},
-        finer={name: found[name] for name in finer},
+        finer={name: found[name] for name in finer if name in found},
         total=found["total"],
         interaction=found["interaction"],
     )

@@ -567,6 +567,7 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> Iterator[str]
         runs: Runs of Monte Carlo, for the expected number of draws beyond; None for no draws.
     """
     aircraft, outside, share = scenario.aircraft, np.zeros(len(scenario.aircraft), dtype=bool), 0.0
+    covered = []
     by_aircraft = np.moveaxis(square_root(scenario.cov_aircraft), -1, 0)
     for one, radar in zip(scenario.radars, scenario.radar_states, strict=True):
         table = one.model.rcs
@@ -580,17 +581,20 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> Iterator[str]
             above, below = map(elevation_of, ends)
             variance += (0.5 * (above - below)) ** 2
         elevation, std = elevation_of(body_vector(aircraft, radar)), np.sqrt(variance)
-        outside |= (elevation - 3 * std < low) & (low > -POLE)
-        outside |= (elevation + 3 * std > high) & (high < POLE)
+        beyond = (elevation - 3 * std < low) & (low > -POLE)
+        beyond |= (elevation + 3 * std > high) & (high < POLE)
+        outside |= beyond
+        if beyond.any():
+            covered.append(f"{np.rad2deg(low):g} to {np.rad2deg(high):g}")
         with np.errstate(divide="ignore", invalid="ignore"):
             below, above = ndtr((low - elevation) / std), ndtr((elevation - high) / std)
         share += np.nansum(np.where(low > -POLE, below, 0.0) + np.where(high < POLE, above, 0.0))
-    if outside.any():
+    if covered:
         draws = "" if runs is None else f"about {runs * share:,.0f} draws, "
         yield warning(
             "table-exceeded",
-            f"the RCS table covers elevations from {np.rad2deg(low):g} to {np.rad2deg(high):g} "
-            f"deg; states within 3 sigma are beyond {describe_poses(outside, scenario.axis)} "
+            f"the RCS table covers elevations from {listed(dict.fromkeys(covered))} deg; "
+            f"states within 3 sigma are beyond {describe_poses(outside, scenario.axis)} "
             f"({draws}{np.count_nonzero(outside)} of {len(outside)} poses); the outermost values "
             "of the table are used there",
         )

@@ -57,7 +57,7 @@ WRONG = {
     "origin must be latitude and longitude": lambda: rs.Horizon((1, 2)),
     "model must be a DetectionModel, got 'x'": lambda: rs.Radar("x"),
     "max_range must be a number": lambda: rs.Radar(MODEL, max_range="far"),
-    "horizon must be a Horizon() or None, got True": lambda: rs.Radar(MODEL, horizon=True),
+    "horizon must be Horizon or None, got True": lambda: rs.Radar(MODEL, horizon=True),
     "name must be text, got 3": lambda: rs.Radar(MODEL, name=3),
     "scan_period must be a number greater than 0": lambda: rs.Radar(MODEL, scan_period=0),
     "radars must be a tuple of one radar or more": lambda: rs.NetworkModel(rs.Radar(MODEL)),

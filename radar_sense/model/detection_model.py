@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from radar_sense.covariance import checked, variance_along
 from radar_sense.errors import InputError
-from radar_sense.limits import NOT_NEGATIVE, Limit, check_number
+from radar_sense.limits import NOT_NEGATIVE, Limit, check_number, check_parameters, declared
 from radar_sense.model.antenna import ElevationGain
 from radar_sense.model.detectors import Detector, North, linearize
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
@@ -106,19 +106,16 @@ class DetectionModel:
     rcs: RCS
     p_fa: float
     detector: Detector = field(default_factory=North)
-    attenuation: float = 0.0
-    antenna: ElevationGain | None = None
+    attenuation: float = declared(NOT_NEGATIVE, default=0.0)
+    antenna: ElevationGain | None = declared(ElevationGain, default=None)
 
     def __post_init__(self) -> None:
         p_fa = check_number("p_fa", self.p_fa, Limit(above=0, below=1))
         object.__setattr__(self, "p_fa", p_fa)
-        attenuation = check_number("attenuation", self.attenuation, NOT_NEGATIVE)
-        object.__setattr__(self, "attenuation", attenuation)
+        check_parameters(self)
         check_rcs(self.rcs)
         if not hasattr(self.detector, "linearize_probit") or isinstance(self.detector, type):
             raise InputError(f"detector must be a detector such as Marcum(), got {self.detector!r}")
-        if not isinstance(self.antenna, ElevationGain | None):
-            raise InputError(f"antenna must be an ElevationGain or None, got {self.antenna!r}")
 
     @property
     def has_spread(self) -> bool:

@@ -19,6 +19,8 @@ from radar_sense.limits import (
     POSITIVE,
     Limit,
     check_number,
+    check_parameters,
+    declared,
 )
 from radar_sense.model.antenna import Mask
 from radar_sense.model.detection_model import DetectionModel
@@ -54,8 +56,8 @@ class Level:
 
     covariance: FloatArray
     tolerances: tuple[Tolerance, ...] = ()
-    attenuation_std: float = 0.0
-    tilt_std: float = 0.0
+    attenuation_std: float = declared(NOT_NEGATIVE, default=0.0)
+    tilt_std: float = declared(NOT_NEGATIVE, default=0.0)
 
     def __post_init__(self) -> None:
         matrix = covariance.checked("radar", self.covariance).copy()
@@ -69,8 +71,7 @@ class Level:
         if not isinstance(given, tuple | list) or not all(isinstance(t, Tolerance) for t in given):
             raise InputError(f"tolerances must be a tuple of Tolerance, got {given!r}")
         object.__setattr__(self, "tolerances", tuple(self.tolerances))
-        for name in ("attenuation_std", "tilt_std"):
-            check_number(name, getattr(self, name), NOT_NEGATIVE)
+        check_parameters(self)
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         vars(self).update(state)
@@ -102,12 +103,12 @@ class Radar:
     state: FloatArray | None = None
     levels: Mapping[str, Level] = field(default_factory=dict)
     max_range: float = math.inf
-    horizon: Horizon | None = None
-    scan_period: float | None = None
-    min_range: float = 0.0
-    sheet: DataSheet | None = None
+    horizon: Horizon | None = declared(Horizon, default=None)
+    scan_period: float | None = declared(POSITIVE, default=None)
+    min_range: float = declared(NOT_NEGATIVE, default=0.0)
+    sheet: DataSheet | None = declared(DataSheet, default=None)
     band: str = ""
-    mask: Mask | None = None
+    mask: Mask | None = declared(Mask, default=None)
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, DetectionModel):
@@ -121,24 +122,13 @@ class Radar:
         if self.max_range != math.inf:
             max_range = check_number("max_range", self.max_range, POSITIVE)
             object.__setattr__(self, "max_range", max_range)
-        object.__setattr__(
-            self, "min_range", check_number("min_range", self.min_range, NOT_NEGATIVE)
-        )
+        check_parameters(self)
         if self.min_range >= self.max_range:
             raise InputError(
                 f"min_range must be less than max_range, {self.max_range:g}, got {self.min_range:g}"
             )
         if self.band and not BAND.allows(self.band):
             raise InputError(f"band must be {BAND}, got {self.band!r}")
-        if not isinstance(self.sheet, DataSheet | None):
-            raise InputError(f"sheet must be a DataSheet or None, got {self.sheet!r}")
-        if not isinstance(self.horizon, Horizon | None):
-            raise InputError(f"horizon must be a Horizon() or None, got {self.horizon!r}")
-        if not isinstance(self.mask, Mask | None):
-            raise InputError(f"mask must be a Mask or None, got {self.mask!r}")
-        if self.scan_period is not None:
-            period = check_number("scan_period", self.scan_period, POSITIVE)
-            object.__setattr__(self, "scan_period", period)
 
     def _check_levels(self) -> None:
         if not isinstance(self.levels, Mapping):

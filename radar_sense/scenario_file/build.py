@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
 from radar_sense import axis
-from radar_sense.errors import InputError, did_you_mean
+from radar_sense.errors import InputError
 from radar_sense.flight import CERTAIN, Geometry, Orbit, Path, Radial
 from radar_sense.limits import DEG, MIN_RANGE
 from radar_sense.model.geometry import body_vector, elevation_of, slant_range
@@ -25,12 +24,12 @@ from radar_sense.scenario_file.conversion import (
     KM,
     covariance_of,
     on_earth,
-    read_from,
+    read_named,
 )
+from radar_sense.scenario_file.declare import read_word
 from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.rcs_file import read_rcs_table
 from radar_sense.scenario_file.route_file import read_route
-from radar_sense.scenario_file.text_file import recorded
 from radar_sense.states import FloatArray
 
 
@@ -55,10 +54,7 @@ def build(
         _refuse_uncovered(place["geometry"], geometry, radar)
     geometry = _with_covariance(file.uncertainty, place["uncertainty"], geometry)
     levels, level = radars[0].levels, file.analysis.level
-    if level not in levels:
-        raise place["analysis"]["level"].error(
-            f"must be one of {', '.join(levels)}, got {level!r}{did_you_mean(level, levels)}"
-        )
+    read_word(place["analysis"]["level"], levels)
     scenario = Scenario(
         name=file.name,
         radars=radars,
@@ -97,10 +93,9 @@ def _rcs(stated: Any, place: Place) -> tuple[RCS, Any]:
     """Return the RCS and its section, with the digest of the file of a table."""
     if not isinstance(stated, sections.Table):
         return stated, stated
-    path = FilePath(place.file).parent / stated.file
+    mirror, sha256 = stated.mirror, stated.sha256
     envelope = None if stated.envelope_deg is None else stated.envelope_deg * DEG
-    table, sha256 = read_from(place, read_rcs_table, path, stated.mirror, envelope, stated.sha256)
-    return table, dataclasses.replace(stated, file=recorded(path), sha256=sha256)
+    return read_named(stated, place, lambda path: read_rcs_table(path, mirror, envelope, sha256))
 
 
 def _geometry(file: sections.File, place: Place) -> tuple[Geometry, Any]:
@@ -133,9 +128,8 @@ def _steps(stated: sections.Sweep | sections.Ranges, place: Place) -> FloatArray
 
 
 def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
-    path = FilePath(place.file).parent / stated.file
     origin = None if stated.origin is None else on_earth(stated.origin)
-    route, sha256 = read_from(place, read_route, path, stated, origin)
+    route, section = read_named(stated, place, lambda path: read_route(path, stated, origin))
     of_flight: dict[str, Any] = {}
     if stated.interpolate is not None:
         step_s, method = float(stated.interpolate.step_s), stated.interpolate.method
@@ -153,7 +147,7 @@ def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
         origin=route.origin,
         **of_flight,
     )
-    return flight, dataclasses.replace(stated, file=recorded(path), sha256=sha256)
+    return flight, section
 
 
 def _with_covariance(stated: sections.Uncertainty, place: Place, geometry: Geometry) -> Geometry:

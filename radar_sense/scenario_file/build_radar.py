@@ -9,7 +9,6 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -42,13 +41,12 @@ from radar_sense.scenario_file.conversion import (
     covariance_of,
     on_earth,
     origin_of,
-    read_from,
+    read_named,
 )
 from radar_sense.scenario_file.curve_file import GAIN_COLUMNS, MASK_COLUMNS, read_curve
 from radar_sense.scenario_file.declare import keys_of
 from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.table_file import Column
-from radar_sense.scenario_file.text_file import recorded
 from radar_sense.source_names import name_problem
 from radar_sense.states import POSITION, FloatArray
 
@@ -166,28 +164,25 @@ def _by_direction(
     """
     antenna = mask = None
     if stated.elevation_gain is not None:
-        file, elevation, gain_db = _curve(
+        curve, file = _curve(
             stated.elevation_gain, place["elevation_gain"], "a file of gains", GAIN_COLUMNS
         )
         stated = dataclasses.replace(stated, elevation_gain=file)
-        antenna = ElevationGain(elevation, gain_db, stated.tilt_deg * DEG, axes=axes)
+        antenna = ElevationGain(*curve, stated.tilt_deg * DEG, axes=axes)
     elif stated.tilt_deg:
         raise place["tilt_deg"].error("needs elevation_gain, the gain that is tilted")
     if stated.mask is not None:
-        file, azimuth, lowest = _curve(stated.mask, place["mask"], "a file of a mask", MASK_COLUMNS)
-        stated, mask = dataclasses.replace(stated, mask=file), Mask(azimuth, lowest, axes=axes)
+        curve, file = _curve(stated.mask, place["mask"], "a file of a mask", MASK_COLUMNS)
+        stated, mask = dataclasses.replace(stated, mask=file), Mask(*curve, axes=axes)
     return stated, antenna, mask
 
 
 def _curve(
     stated: str | sections.DataFile, place: Place, kind: str, columns: Mapping[str, Column]
-) -> tuple[sections.DataFile, FloatArray, FloatArray]:
-    """Return the section of a file with its digest, and the angles and values of the file."""
-    if isinstance(stated, str):
-        stated = sections.DataFile(file=stated)
-    path = FilePath(place.file).parent / stated.file
-    angle, value, sha256 = read_from(place, read_curve, path, kind, columns, stated.sha256)
-    return sections.DataFile(file=recorded(path), sha256=sha256), angle, value
+) -> tuple[tuple[FloatArray, FloatArray], sections.DataFile]:
+    """Return the angles and values of a file, and its section with the digest."""
+    named = sections.DataFile(file=stated) if isinstance(stated, str) else stated
+    return read_named(named, place, lambda path: read_curve(path, kind, columns, named.sha256))
 
 
 def _band(stated: sections.Radar, place: Place, rcs: Mapping[str, RCS]) -> str:

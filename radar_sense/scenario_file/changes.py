@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 
 import yaml
@@ -14,55 +15,68 @@ from radar_sense.errors import InputError, shorten
 from radar_sense.scenario_file.place import NO_TAG, compose
 
 _PART = re.compile(r"[^.\[\]]+|\[[0-9]{1,4}\]")
+_PATH = re.compile(r"[^.\[\]]+(\.[^.\[\]]+|\[[0-9]{1,4}\])*")
 
 
-def change(root: yaml.Node, path: str, value: str) -> None:
-    """Set a value below a node, or take it away.
+def changed(root: yaml.Node, path: str, value: str) -> yaml.Node:
+    """Return a document with another value, or without one.
+
+    The document itself stays as it is: an anchor of the file and its aliases are one node, of which
+    only one place is to change.
 
     Args:
-        root: The node, which is changed.
+        root: The document.
         path: Path of keys.
         value: The value as YAML; "" takes the key away.
 
     Raises:
-        InputError: If the path leads nowhere, or the value is not valid YAML.
+        InputError: If the path is none or leads nowhere, or the value is not valid YAML.
     """
     option = f"--set {path}={value}"
+    if not _PATH.fullmatch(path):
+        raise InputError(f"{option}: write a key before the =, such as radar.p_fa=1e-6")
     try:
         new = compose(value or "{}", option)
     except InputError as error:
         raise InputError(f"{option}: is not valid YAML") from error
-    node, parts = root, _PART.findall(path)
-    for number, part in enumerate(parts, start=1):
+
+    def below(node: yaml.Node, part: str, *parts: str) -> yaml.Node:
+        """Return a node with the change at the end of some parts of the path."""
         if isinstance(node, yaml.SequenceNode):
-            place = _entry(node, part, option)
+            place, items = _entry(node, part, option), [(key_of(part), e) for e in node.value]
         elif isinstance(node, yaml.MappingNode):
-            keys = [key.value for key, _ in node.value]
+            keys, items = [key.value for key, _ in node.value], node.value
             place = keys.index(part) if part in keys else len(keys)
         else:
             raise InputError(f"{option}: {shorten(str(node.value))} has no key {part!r}")
-        ends, found = number == len(parts), node.value[place : place + 1]
-        if ends and not value and not found:
+        found = items[place : place + 1]
+        if parts:
+            empty = yaml.MappingNode(NO_TAG[yaml.MappingNode], [], new.start_mark)
+            key, child = found[0] if found else (key_of(part), empty)
+            put = [(key, below(child, *parts))]
+        elif value or found:
+            put = [(key_of(part), new)] if value else []
+        else:
             raise InputError(f"{option}: there is no {path} to take away")
-        if ends or not found:
-            below = new if ends else yaml.MappingNode(NO_TAG[yaml.MappingNode], [], new.start_mark)
-            key = yaml.ScalarNode(NO_TAG[yaml.ScalarNode], part, new.start_mark)
-            pair = below if isinstance(node, yaml.SequenceNode) else (key, below)
-            node.value[place : place + 1] = [] if ends and not value else [pair]
-            found = [pair]
-        node = found[0] if isinstance(node, yaml.SequenceNode) else found[0][1]
-    if not parts:
-        raise InputError(f"{option}: write a key before the =, such as radar.p_fa=1e-6")
+        copied = copy.copy(node)
+        items = [*items[:place], *put, *items[place + 1 :]]
+        is_list = isinstance(node, yaml.SequenceNode)
+        copied.value = [entry for _, entry in items] if is_list else items
+        return copied
+
+    def key_of(part: str) -> yaml.Node:
+        return yaml.ScalarNode(NO_TAG[yaml.ScalarNode], part, new.start_mark)
+
+    return below(root, *_PART.findall(path))
 
 
 def _entry(node: yaml.SequenceNode, part: str, option: str) -> int:
     """Return the number of an entry of a list, by its place from 1 or by its name."""
-    names = [
-        next((value.value for key, value in entry.value if key.value == "name"), "")
-        if isinstance(entry, yaml.MappingNode)
-        else ""
-        for entry in node.value
-    ]
+    names = []
+    for entry in node.value:
+        pairs = entry.value if isinstance(entry, yaml.MappingNode) else ()
+        found = (v.value for k, v in pairs if k.value == "name" and isinstance(v, yaml.ScalarNode))
+        names.append(next(found, ""))
     if part in names:
         return names.index(part)
     number = int(part[1:-1]) - 1 if part.startswith("[") else -1

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path as FilePath
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +16,9 @@ from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.text_file import DigestError, FileError
 from radar_sense.states import FloatArray
+
+C = TypeVar("C")
+N = TypeVar("N", sections.DataFile, sections.Table, sections.Path)
 
 #: One kilometre in metres, and one per kilometre in one per metre.
 KM, PER_KM = 1e3, 1e-3
@@ -29,17 +34,34 @@ def on_earth(place: sections.Geodetic) -> tuple[float, float, float]:
     return place.latitude_deg * DEG, place.longitude_deg * DEG, float(place.altitude_m)
 
 
-def read_from(place: Place, read: Any, *args: Any) -> Any:
-    """Read another file. Errors about the file as a whole get the place of the key that names it.
+def read_named(stated: N, place: Place, read: Callable[[FilePath], tuple[C, str]]) -> tuple[C, N]:
+    """Return what the file that a section names holds, and the section with its digest.
 
-    Errors with a line of the other file stay as they are.
+    Errors about the file as a whole get the place of the key that names it. Errors with a line of
+    the file stay as they are.
+
+    Args:
+        stated: The section.
+        place: The section, for errors.
+        read: Returns the content of a file and its SHA-256.
     """
+    path = FilePath(place.file).parent / stated.file
     try:
-        return read(*args)
+        content, sha256 = read(path)
     except DigestError as error:
         raise place["sha256"].error(f"{error}") from error
     except FileError as error:
         raise (place["file"] if place.is_mapping else place).error(f"{error}") from error
+    return content, dataclasses.replace(stated, file=_recorded(path), sha256=sha256)
+
+
+def _recorded(path: FilePath) -> str:
+    """Return the name of a file for a record: relative to the working folder if it is inside.
+
+    The record then names no folder of the machine.
+    """
+    absolute, here = path.absolute(), FilePath.cwd()
+    return (absolute.relative_to(here) if absolute.is_relative_to(here) else absolute).as_posix()
 
 
 def covariance_of(

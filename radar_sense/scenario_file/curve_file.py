@@ -26,7 +26,7 @@ _TURN_DEG = 360.0
 
 def read_curve(
     path: str | Path, kind: str, columns: Mapping[str, Column], sha256: str | None
-) -> tuple[FloatArray, FloatArray, str]:
+) -> tuple[tuple[FloatArray, FloatArray], str]:
     """Return angles (n,) and values (n,) in SI or decibels, and the SHA-256 of the file.
 
     The columns are `GAIN_COLUMNS` or `MASK_COLUMNS`. The other arguments and the errors are those
@@ -52,4 +52,4 @@ def read_curve(
                 f"must be the same at both ends of a full turn, {ends}", int(lines[-1])
             )
         units = [column.unit for column in columns.values()]
-        return angle * units[0], value * units[1], file.sha256()
+        return (angle * units[0], value * units[1]), file.sha256()

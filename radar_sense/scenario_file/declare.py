@@ -3,7 +3,7 @@
     @dataclass(frozen=True, kw_only=True)
     class Circle:
         range_km: float = key("Horizontal radius of the orbit.", NOT_NEGATIVE)
-        azimuth_from: str = key("Direction of azimuth 0.", words("east", "north"), default="east")
+        azimuth_from: str = key("Direction of azimuth 0.", ("east", "north"), default="east")
 
 `read(place, Circle)` returns a `Circle` with the numbers as typed, or raises an error with file,
 line, path of keys, what is allowed and what was probably meant. `write(circle)` is the section as
@@ -67,7 +67,7 @@ class Kind:
 
 def key(
     meaning: str,
-    kind: Kind | Limit | Text | type,
+    kind: Kind | Limit | Text | tuple[str, ...] | type | Mapping[str, type],
     *,
     default: Any = REQUIRED,
     one_of: str = "",
@@ -78,8 +78,8 @@ def key(
 
     Args:
         meaning: Meaning of the value, a sentence. A unit that the name does not have is in [].
-        kind: What the value is. A `Limit` stands for a number, a `Text` for text, and a dataclass
-            for a section.
+        kind: What the value is. A `Limit` stands for a number, a `Text` for text, a tuple for one
+            of its words, a dataclass for a section, and dataclasses by name for one by its `type`.
         default: Value of a missing key. Without a default the key is required.
         one_of: Name of a group. Keys of a group exclude each other, and one of them is required.
         unless: The key is required unless one of these keys is given.
@@ -87,7 +87,7 @@ def key(
     """
     if (one_of or unless) and default is REQUIRED:
         default = None
-    metadata = {"meaning": meaning, "kind": _kind(kind), "one_of": one_of}
+    metadata = {"meaning": meaning, "kind": kind, "one_of": one_of}
     metadata |= {"unless": tuple(unless), "instead_of": tuple(instead_of)}
     return dataclasses.field(default=default, metadata=metadata)
 
@@ -146,7 +146,7 @@ def keys_of(cls: Any) -> tuple[Key, ...]:
         return _KEYS[cls]
     keys = []
     for f in dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ():
-        if "kind" not in f.metadata:
+        if "meaning" not in f.metadata:
             continue
         declared = {"key": f.name, **f.metadata}
         name, meaning, kind = (declared.pop(of) for of in ("key", "meaning", "kind"))
@@ -225,10 +225,12 @@ def _unknown(
         allowed: Keys of the section.
         owners: Names of other sections that have the key.
     """
+    at = place.of_key(name)
     hint = f"; it is a key of {', '.join(owners)}" if owners else ""
-    return place.of_key(name).error(
+    meant = allowed if at.is_set else [other for other in allowed if other not in place.items()]
+    return at.error(
         f"unknown key {shorten(name)}, allowed: {', '.join(allowed)}"
-        + (hint or did_you_mean(name, set(allowed) - set(place.items())))
+        + (hint or did_you_mean(name, meant))
     )
 
 
@@ -338,12 +340,14 @@ def _with(*names: str) -> Schema:
 # Kinds of values.
 
 
-def _kind(kind: Kind | Limit | Text | type | Mapping[str, type]) -> Kind:
-    """Return the kind for which a limit, a text, a dataclass or dataclasses by type stand."""
+def _kind(kind: Kind | Limit | Text | tuple[str, ...] | type | Mapping[str, type]) -> Kind:
+    """Return the kind for which another declaration stands, as in `key`."""
     if isinstance(kind, Limit):
         return number(kind)
     if isinstance(kind, Text):
         return text(kind)
+    if isinstance(kind, tuple):
+        return words(kind)
     if isinstance(kind, Mapping):
         return by_word("type", kind)
     return kind if isinstance(kind, Kind) else section(kind)
@@ -413,7 +417,7 @@ def text(pattern: Text) -> Kind:
     return Kind(pattern.words, read, lambda: dict(matches))
 
 
-def words(*choices: str) -> Kind:
+def words(choices: tuple[str, ...]) -> Kind:
     """Return the kind of one of some words."""
     numbers = [int(word) for word in choices if word.isdigit()]  # as YAML reads a word of digits
     return Kind(
@@ -613,23 +617,16 @@ def list_of(cls: type, most: int, what: str) -> Kind:
     )
 
 
-def number_or(limit: Limit, cls: type) -> Kind:
-    """Return the kind of a number, or a section in its place."""
-    one, instead = number(limit), section(cls)
-    return _either(
-        (one, instead),
-        lambda place: instead if place.is_mapping else one,
-        lambda value: instead if isinstance(value, cls) else one,
-    )
+def or_section(kind: Kind | Limit | Text, cls: type) -> Kind:
+    """Return a kind, or a section in its place: a mapping, with a key of it if both are one."""
+    first, instead, names = _kind(kind), section(cls), {k.name for k in keys_of(cls)}
 
+    def of_place(place: Place) -> Kind:
+        is_section = place.is_mapping and (not first.sections() or names & place.items().keys())
+        return instead if is_section else first
 
-def or_with(kind: Kind, cls: type) -> Kind:
-    """Return a kind of a mapping, or a section in its place if a key of the section is there."""
-    names, instead = {k.name for k in keys_of(cls)}, section(cls)
     return _either(
-        (kind, instead),
-        lambda place: instead if place.is_mapping and names & place.items().keys() else kind,
-        lambda value: instead if isinstance(value, cls) else kind,
+        (first, instead), of_place, lambda value: instead if isinstance(value, cls) else first
     )
 
 

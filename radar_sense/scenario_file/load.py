@@ -12,10 +12,10 @@ from radar_sense.errors import InputError, describe
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file import declare, sections
 from radar_sense.scenario_file.build import build
-from radar_sense.scenario_file.changes import change
-from radar_sense.scenario_file.place import parse
+from radar_sense.scenario_file.changes import changed
+from radar_sense.scenario_file.place import Place, parse
 from radar_sense.scenario_file.starters import template
-from radar_sense.scenario_file.text_file import decoded, open_text
+from radar_sense.scenario_file.text_file import read_text
 
 #: Largest scenario file. A scenario is a page of text, far smaller than this.
 MAX_BYTES = 64 * 1024
@@ -41,9 +41,7 @@ def load_scenario(
     """
     if path is None:
         return parse_scenario(default_text(), "paper.yaml", changes)
-    with open_text(path, "a scenario file", MAX_BYTES) as file:
-        data = file.read(MAX_BYTES + 1)
-    return parse_scenario(decoded(data, str(path)).removeprefix("\ufeff"), str(path), changes)
+    return parse_scenario(read_text(path, "a scenario file", MAX_BYTES), str(path), changes)
 
 
 def parse_scenario(
@@ -65,7 +63,7 @@ def parse_scenario(
     root = parse(text, source)
     for key, value in (changes or {}).items():
         words = value if isinstance(value, str) else json.dumps(value, default=str)
-        change(root.node, str(key), words)
+        root = Place(changed(root.node, str(key), words), "", source)
     again = partial(_again, text, source, dict(changes or {}))
     return build(declare.read(root, sections.File), root, again)
 

@@ -36,8 +36,8 @@ class Place:
 
     def error(self, message: str) -> InputError:
         """Return the error to raise about this value."""
-        mark = self.node.start_mark  # a value of `--set` has the option as its name
-        place = f"{self.file}:{mark.line + 1}" if mark.name == self.file else mark.name
+        mark = self.node.start_mark
+        place = mark.name if self.is_set else f"{self.file}:{mark.line + 1}"
         return InputError(": ".join(filter(None, (place, self.path, message))))
 
     def wrong(self, allowed: object, hint: str = "") -> InputError:
@@ -63,6 +63,11 @@ class Place:
         if self.plain and len(self.plain) <= 40 and NUMBER.fullmatch(self.plain):
             return self.plain
         return shorten(self.text) if self.text else "nothing"
+
+    @property
+    def is_set(self) -> bool:
+        """Whether this is a value of `--set`, whose mark has the option as its name."""
+        return bool(self.node.start_mark.name != self.file)
 
     @property
     def is_mapping(self) -> bool:

@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.covariance import first_wrong
-from radar_sense.errors import InputError, check_choice, describe
-from radar_sense.limits import DEG, POSITIVE, Limit, check_number
+from radar_sense.errors import InputError
+from radar_sense.limits import DEG, Limit, check_parameters
 from radar_sense.model import geodesy
 from radar_sense.model.track import (
     ATTITUDE_COLUMNS,
@@ -139,29 +139,19 @@ def load_route(
         InputError: If the origin is no place, or if the file cannot be read or holds anything that
             is not allowed.
     """
-    for name, value, limit in (
-        ("max_gap_s", max_gap_s, POSITIVE),
-        ("geoid_height_m", geoid_height_m, sections.GEOID_HEIGHT),
-        ("speed_m_s", speed_m_s, sections.SPEED),
-    ):
-        if value is not None:
-            check_number(name, value, limit)
-    if altitude_above is not None:
-        check_choice("altitude_above", altitude_above, sections.ALTITUDES)
-    if icao24 is not None and not sections.ICAO24.allows(icao24):
-        raise InputError(f"icao24 must be {sections.ICAO24}, got {describe(icao24)}")
-    if origin is not None and not geodesy.is_place(origin):
-        raise InputError(
-            f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
-        )
     stated = sections.Path(
-        file=str(path),
+        file="route",  # the path may have letters that no scenario file has
         max_gap_s=max_gap_s,
         altitude_above=altitude_above,
         geoid_height_m=geoid_height_m,
         speed_m_s=speed_m_s,
         icao24=icao24,
     )
+    check_parameters(stated)
+    if origin is not None and not geodesy.is_place(origin):
+        raise InputError(
+            f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
+        )
     route, _ = read_route(path, stated, origin)
     return route
 

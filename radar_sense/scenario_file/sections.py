@@ -45,13 +45,10 @@ from radar_sense.scenario_file.declare import (
     matrix,
     named,
     number,
-    number_or,
     numbers,
-    or_with,
+    or_section,
     schema,
     section,
-    text,
-    words,
     write,
     yes_no,
 )
@@ -63,11 +60,6 @@ _LOSS = Text(
     "the name of a loss, up to 30 letters a to z, digits and '_', a letter first",
 )
 SPEED = Limit(at_least=1e-3, at_most=1e5)
-#: The lowest and highest sea level above the ellipsoid [m], by EGM2008 −107 and 86.
-GEOID_HEIGHT = Limit(at_least=-110, at_most=90)
-#: What altitudes may be above.
-ALTITUDES = ("ellipsoid", "sea", "pressure")
-ICAO24 = Text("[0-9A-Fa-f]{6}", "6 digits 0 to 9 and a to f")
 _ANGLE = Limit(at_least=-360, at_most=360)
 _AZIMUTH = Limit(at_least=-360, at_most=720)
 #: Meaning and kind of the keys that several sections have.
@@ -75,7 +67,7 @@ _CSV_FILE = "Name of a CSV file, from the folder of the scenario file.", _FILE
 _DIGEST = "Digest that the file must have.", Text("[0-9a-f]{64}", "64 digits 0 to 9 and a to f")
 _AZIMUTH_FROM = (
     "Direction of azimuth 0: east as in the paper, or north as on a compass.",
-    words("east", "north"),
+    ("east", "north"),
 )
 #: Names of detectors elsewhere: a target that does not fluctuate is Swerling's case 0 or 5.
 _STEADY = dict.fromkeys(("swerling0", "swerling5"), "marcum")
@@ -117,10 +109,10 @@ def _tolerances() -> type:
         if f.default is dataclasses.MISSING
     }
     keys: dict[str, Any] = {
-        name: key(f"Standard deviation of {name}.", number_or(limit, HalfWidth), default=None)
+        name: key(f"Standard deviation of {name}.", or_section(limit, HalfWidth), default=None)
         for name, limit in limits.items()
     }
-    losses = named(_LOSS, number_or(STD_DB, HalfWidth), "loss")
+    losses = named(_LOSS, or_section(STD_DB, HalfWidth), "loss")
     keys[LOSSES_KEY] = key("Standard deviations of the losses by name.", losses, default=None)
     return _section("Tolerances", "Standard deviations by parameter of a data sheet.", keys)
 
@@ -170,7 +162,7 @@ class RadarUncertainty:
     constant: Any = key(
         "Standard deviation of c_r [J m²/K], or standard deviations by parameter of its data "
         "sheet.",
-        number_or(NOT_NEGATIVE, Tolerances),
+        or_section(NOT_NEGATIVE, Tolerances),
         unless=("covariance",),
     )
     covariance: Any = key(
@@ -234,7 +226,7 @@ def _data_sheet(kind: str) -> type:
     keys[LOSSES_KEY] = key("Further losses by name [dB].", losses, default=None)
     if kind == "surveillance":
         keys["search_factor"] = key(
-            "Divisor of the power-aperture product in c_r.", words(*SEARCH_FACTORS), default="16"
+            "Divisor of the power-aperture product in c_r.", tuple(SEARCH_FACTORS), default="16"
         )
     return _section(kind.capitalize(), f"{RADARS[kind].__doc__}", keys)
 
@@ -251,7 +243,7 @@ class DataFile:
 
 
 #: The name of a file, or a `DataFile`.
-_DATA_FILE = or_with(text(_FILE), DataFile)
+_DATA_FILE = or_section(_FILE, DataFile)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -368,7 +360,7 @@ class Bands:
 class Aircraft:
     """The aircraft."""
 
-    rcs: Any = key("Radar cross section, of all radars or by band.", or_with(_ONE_RCS, Bands))
+    rcs: Any = key("Radar cross section, of all radars or by band.", or_section(_ONE_RCS, Bands))
     attitude_deg: tuple[float, float, float] | None = key(
         "Roll, pitch, yaw on an orbit or a radial, where it is required; not allowed on a path.",
         numbers(3, _ANGLE),
@@ -419,7 +411,7 @@ class Interpolation:
     """Poses at equal steps of time."""
 
     step_s: float = key("Step of time.", POSITIVE)
-    method: str = key("Interpolation in time.", words(*trajectory.METHODS), default="legs")
+    method: str = key("Interpolation in time.", tuple(trajectory.METHODS), default="legs")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -427,7 +419,7 @@ class Path:
     """The path of a route file."""
 
     file: str = key("Name of a route file, from the folder of the scenario file.", _FILE)
-    axis: str = key("Axis of tables and figures.", words("time", "distance"), default="time")
+    axis: str = key("Axis of tables and figures.", ("time", "distance"), default="time")
     origin: Geodetic | None = key(
         "Origin of the frame of a route in latitude and longitude.", Geodetic, default=None
     )
@@ -442,12 +434,12 @@ class Path:
     altitude_above: str | None = key(
         "What the altitudes of the file are above. Without the key: the sea in GPX, else the "
         "ellipsoid. The sea and pressure altitude need geoid_height_m.",
-        words(*ALTITUDES),
+        ("ellipsoid", "sea", "pressure"),
         default=None,
     )
     geoid_height_m: float | None = key(
         "Height of the sea level above the WGS-84 ellipsoid on the route.",
-        GEOID_HEIGHT,
+        Limit(at_least=-110, at_most=90),  # by EGM2008 from -107 to 86
         default=None,
     )
     down_km: float = key(
@@ -461,7 +453,7 @@ class Path:
     )
     icao24: str | None = key(
         "Address of the aircraft in a file of ADS-B state vectors with several aircraft.",
-        ICAO24,
+        Text("[0-9A-Fa-f]{6}", "6 digits 0 to 9 and a to f"),
         default=None,
     )
     sha256: str | None = key(*_DIGEST, default=None)
@@ -478,7 +470,7 @@ class Analysis:
     runs: int = key("Monte Carlo runs.", RUNS, default=500)
     seed: int = key("Seed of the random numbers.", SEED, default=1)
     method: str = key(
-        "How uncertain states become a distribution of P_D.", words(*METHODS), default="automatic"
+        "How uncertain states become a distribution of P_D.", METHODS, default="automatic"
     )
 
 
@@ -502,7 +494,7 @@ class File:
     aircraft: Aircraft = key("RCS and attitude of the aircraft.", Aircraft)
     geometry: Orbit | Radial | Path = key(
         "The poses of the aircraft: an orbit, a line of ranges or a path.",
-        by_word("type", {"orbit": Orbit, "radial": Radial, "path": Path}),
+        {"orbit": Orbit, "radial": Radial, "path": Path},
     )
     uncertainty: Uncertainty = key("Covariances of the states.", Uncertainty)
     analysis: Analysis = key("Choices for the analyses.", Analysis)

@@ -130,6 +130,12 @@ def open_text(
         raise FileError(f"{path}: cannot be read: {reason(error)}") from error
 
 
+def read_text(path: str | Path, kind: str, most_bytes: int) -> str:
+    """Return the text of a file without a byte order mark, with the errors of `open_text`."""
+    with open_text(path, kind, most_bytes) as file:
+        return decoded(file.read(most_bytes + 1), file.source).removeprefix("\ufeff")
+
+
 def decoded(data: bytes, source: str, first_line: int = 1) -> str:
     """Return UTF-8 text.
 
@@ -179,15 +185,6 @@ def advice(text: str) -> str:
     if _WITH_UNIT.fullmatch(text):
         return "; leave out the unit, it is in the name"
     return ""
-
-
-def recorded(path: Path) -> str:
-    """Return the name of a file for a record: relative to the working folder if it is inside.
-
-    The record then names no folder of the machine.
-    """
-    absolute, here = path.absolute(), Path.cwd()
-    return (absolute.relative_to(here) if absolute.is_relative_to(here) else absolute).as_posix()
 
 
 def _in_words(size: int) -> str:

@@ -269,6 +269,9 @@ def read_state_vectors(file: TableFile, *, pressure: bool, icao24: str | None) -
             )
             raise file.error(f"missing column '{name}' of ADS-B state vectors{instead}")
     moment = "lastposupdate" if "lastposupdate" in file.names else "time"
+    for name in (moment, "icao24", "lat", "lon", altitude):
+        if file.names.count(name) > 1:
+            raise file.error(f"duplicate column '{name}'")
     used = tuple(zip((moment, "lat", "lon", altitude), (_TIMES, *_LIMITS), strict=True))
     lines: list[int] = []
     rows: list[list[float]] = []

@@ -335,7 +335,7 @@ def test_an_antenna_beyond_its_elevations_is_told(tool, tmp_path):
     [
         ({"tilt_deg": 1}, {}, "radar.tilt_deg: needs elevation_gain, the gain that is tilted"),
         ({"mask": "none.csv"}, {}, "none.csv: cannot be read: No such file"),
-        ({"mask": {"fill": "x"}}, {}, "radar.mask: must be the name of a file"),
+        ({"mask": {"fill": "x"}}, {}, "radar.mask: unknown key 'fill', allowed: file, sha256"),
         ({"elevation_gain": "mask.csv"}, {}, "mask.csv:1: unknown column 'azimuth_deg'"),
         ({"elevation_gain": "gain.csv", "tilt_deg": 100}, {}, "tilt_deg: must be a number not l"),
         ({"elevation_gain": "gain.csv"}, {"gain": [(0, 0), (0, -1)]},
@@ -370,9 +370,9 @@ def test_objects_that_are_not_allowed():
             rs.ElevationGain(np.array([0.0, 0.1]), np.array(gain))
     with pytest.raises(InputError, match="axes must be a rotation"):
         rs.Mask(np.array([0.0, 1.0]), np.zeros(2), axes=np.ones((3, 3)))
-    with pytest.raises(InputError, match="antenna must be an ElevationGain"):
+    with pytest.raises(InputError, match="antenna must be ElevationGain or None"):
         rs.DetectionModel(rs.ConstantRCS(1.0), P_FA, antenna="gain.csv")
-    with pytest.raises(InputError, match="mask must be a Mask"):
+    with pytest.raises(InputError, match="mask must be Mask or None"):
         dataclasses.replace(scenario().radars[0], mask=1)
 
 

@@ -233,3 +233,20 @@ def test_radars_of_a_mission_keep_their_common_errors(tmp_path):
     for end in ("lower", "upper"):
         drawn, bound = found.table[f"mc_{end}"], found.table[f"{end}_3sigma"]
         assert_allclose(bound, drawn, atol=0.02)
+
+
+def test_the_warning_of_a_table_names_the_one_that_ends(tmp_path):
+    """Not the table of the last band, which goes from straight below to straight above."""
+    tables = {"s": (-1, 1), "x": (-90, 0, 90)}
+    for band, elevations in tables.items():
+        rows = [f"{azimuth},{e},1" for e in elevations for azimuth in range(0, 360, 30)]
+        text = "\n".join(["azimuth_deg,elevation_deg,rcs_m2", *rows])
+        (tmp_path / f"{band}.csv").write_text(text)
+    content = document(radar("one", "s"), radar("two", "x"))
+    content["aircraft"]["rcs"] = {
+        "bands": {band: {"model": "table", "file": f"{band}.csv"} for band in tables}
+    }
+    content["uncertainty"]["aircraft"]["attitude_deg"] = 5
+    found = rs.analyses.variance(parse_scenario(yaml_text(content), f"{tmp_path}/a.yaml"))
+    (warning,) = [text for text in found.warnings if "[table-exceeded]" in text]
+    assert "covers elevations from -1 to 1 deg" in warning

@@ -10,6 +10,8 @@ from numpy.testing import assert_allclose
 
 import radar_sense as rs
 from radar_sense import analyses
+from radar_sense.axis import steps
+from radar_sense.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("quick")
 
@@ -79,6 +81,15 @@ def test_the_command_line(tool):
     assert table["radar_position_m_3"].tolist() == [-100, -60, -20]
     record = read_record("figures/paper_sweep.json")
     assert record["command"] == ["radar-sense", *args]
+
+
+def test_values_of_any_size_keep_their_digits():
+    """Rounded to twelve places, 1.5e-14 would be 0."""
+    for step in (1.5e-14, 0.1, 1.25e9):
+        assert_allclose(steps(step, 3 * step, step, 3), [step, 2 * step, 3 * step], rtol=1e-15)
+    assert steps(0.1, 0.4, 0.1, 4).tolist() == [0.1, 0.2, 0.3, 0.4]
+    with pytest.raises(InputError, match="makes inf values, allowed are 10"):
+        steps(0.0, 1e20, 1e-300, 10)
 
 
 @pytest.mark.parametrize(

@@ -448,12 +448,9 @@ def test_a_full_disk_behind_standard_output(tmp_path):
     assert "No space left" in done.stderr
 
 
-def test_no_style_of_the_user_changes_a_figure_and_none_is_changed(tool, monkeypatch):
-    """A matplotlibrc in the working folder has these settings."""
-    monkeypatch.setenv("MPLBACKEND", "svg")
-    monkeypatch.delenv("MATPLOTLIBRC", raising=False)
+def test_no_style_of_the_user_changes_a_figure(tool):
+    """Of a notebook; `test_environments` has the files of settings."""
     assert tool("budget").code == 0
-    assert (os.environ["MPLBACKEND"], os.environ.get("MATPLOTLIBRC")) == ("svg", None)
     found = files()
     with mpl.rc_context({"text.usetex": True, "lines.linewidth": 9, "figure.dpi": 20}):
         assert tool("budget").code == 0

@@ -269,7 +269,7 @@ def test_a_working_folder_that_is_gone(tool, fake):
     assert err.startswith("Error: --out: cannot write to figures: ")
 
 
-@pytest.mark.parametrize("which", ["table", "route", "scenario"])
+@pytest.mark.parametrize("which", ["table", "route", "mask", "scenario"])
 def test_an_input_is_never_overwritten(tool, which):
     """An input file is protected under every spelling of its name."""
     from radar_sense.scenario_file.load import default_text
@@ -286,6 +286,10 @@ def test_an_input_is_never_overwritten(tool, which):
         shutil.copy(root / "path_route.csv", output)
         text = (root / "path.yaml").read_text().replace("name: path", "name: paper")
         text = text.replace("path_route.csv", f"figures/../{output}")
+    elif which == "mask":
+        output.write_text("azimuth_deg,elevation_deg\n0,0\n360,0\n")
+        text = (root / "network.yaml").read_text().replace("name: network", "name: paper")
+        text = text.replace("    p_fa:", f"    mask: {output}\n    p_fa:", 1)
     else:
         text, config = default_text(), output
     config.write_text(text)

@@ -43,8 +43,7 @@ def test_a_change_is_the_file_with_another_value(key, value):
     expected = parse_scenario(dump_yaml(document(**{key.replace(".", "__"): value})), "paper.yaml")
     assert_same(rs.load_scenario(changes={key: value}), expected)
     assert_same(rs.load_scenario(changes={key: json.dumps(value)}), expected)
-    if not key.startswith("analysis."):  # which stays as it was chosen
-        assert_same(rs.load_scenario().with_keys({key: value}), expected)
+    assert_same(rs.load_scenario().with_keys({key: value}), expected)
 
 
 def test_places_of_lists_and_radars_by_name():
@@ -57,6 +56,17 @@ def test_places_of_lists_and_radars_by_name():
     assert s.model.models[0].p_fa == before.model.models[0].p_fa
     assert np.flatnonzero(s.radar != before.radar).tolist() == [9]
     assert s.radar[9] == 123
+
+
+def test_an_alias_of_what_is_changed_stays():
+    text = NETWORK.read_text()
+    own = "uncertainty:\n      low:  {position_m: [20, 20, 10]"
+    text = text.replace(own, own.replace("{", "&low {"), 1)
+    text = text.replace("low:  {position_m: [200, 200, 10],    constant: 0.01}", "low:  *low")
+    before = parse_scenario(text)
+    s = parse_scenario(text, changes={"radars.ridge.uncertainty.low.constant": 3})
+    ridge, mobile = (radar.levels["low"].covariance[3, 3] for radar in s.radars[1:])
+    assert (ridge, mobile) == (9, before.radars[2].levels["low"].covariance[3, 3])
 
 
 def test_no_text_takes_a_key_away():
@@ -83,13 +93,21 @@ def tracking():
     [
         ({"radar.constant": -1}, "--set radar.constant=-1: radar.constant: must be a number "),
         ({"radar.constnt": 3}, "--set radar.constnt=3: radar: unknown key 'constnt', allowed: "),
+        ({"radar.constnt": 3}, "tilt_deg, band, type; did you mean 'constant'?"),
         ({"rader.p_fa": 1}, "--set rader.p_fa=1: unknown key 'rader', allowed: "),
+        ({"rader.p_fa": 1}, "did you mean 'radar'?"),
+        ({"aircraft.rcs.modl": "constant"}, "did you mean 'model'?"),
         ({"radar.p_fa": "[1"}, "--set radar.p_fa=[1: is not valid YAML"),
         ({"radar.p_fa.x": 1}, "--set radar.p_fa.x=1: '1.7e-4' has no key 'x'"),
         ({"radar.position_m[4]": 1}, "the list has no entry [4], it has [1], [2], [3]"),
         ({"radar.position_m[0]": 1}, "the list has no entry [0], it has [1], [2], [3]"),
+        ({"radars": [{"name": [1]}], "radars[2].p_fa": 1}, "the list has no entry [2], it has [1]"),
         ({"radar.horizon": ""}, "--set radar.horizon=: there is no radar.horizon to take away"),
         ({"": 1}, "write a key before the ="),
+        ({".radar.p_fa": 1e-6}, "write a key before the ="),
+        ({"radar.": 3}, "write a key before the ="),
+        ({"radar..p_fa": 1e-6}, "write a key before the ="),
+        ({"radar.position_m[3": 1}, "write a key before the ="),
         ({"radar.constant": True}, "radar.constant: must be a number greater than 0, got 'true'"),
         ({"radar.tracking": {}}, "--set radar.tracking={}: radar.tracking: "),
         ({"analysis.level": "hi"}, "must be one of low, medium, high, got 'hi'"),
@@ -113,6 +131,7 @@ def test_choices_and_the_radar_stay():
     s = rs.load_scenario(NETWORK).with_analysis(level="low", seed=5, runs=7, method="linear")
     changed = s.with_keys({"radars.ridge.p_fa": 1e-5})
     assert (changed.level, changed.seed, changed.runs, changed.method) == ("low", 5, 7, "linear")
+    assert s.with_keys({"analysis.seed": 6}).seed == 6
     alone = for_radar(s, "ridge").with_keys({"radars.ridge.p_fa": 1e-5})
     assert alone.model.names == ("ridge",)
     assert alone.model.models[0].p_fa == 1e-5

@@ -25,10 +25,9 @@ from radar_sense.scenario_file.declare import (
     matrix,
     named,
     number,
-    number_or,
     numbers,
+    or_section,
     read,
-    words,
     write,
     yes_no,
 )
@@ -60,7 +59,7 @@ class Cart:
     load_kg: float | None = key("Load [kg].", NOT_NEGATIVE, one_of="load")
     boxes: int | None = key("Boxes.", RUNS, one_of="load")
     life_s: float = key("Life.", number(NOT_NEGATIVE, infinite=True), default=0.0)
-    colour: str = key("Colour.", words("red", "green", "4"), default="red")
+    colour: str = key("Colour.", ("red", "green", "4"), default="red")
     brake: bool = key("Brake.", yes_no(), default=False)
     place_m: Any = key("Place.", numbers(2), default=None)
     std_m: Any = key("Deviations.", deviations(2), unless=("covariance",))
@@ -73,7 +72,7 @@ class Cart:
         default=None,
     )
     parts: Any = key("Parts.", named(LEVEL_NAME, number(ANY), "part"), default=None)
-    drive: Any = key("Drive.", number_or(NOT_NEGATIVE, Wheel), default=None)
+    drive: Any = key("Drive.", or_section(NOT_NEGATIVE, Wheel), default=None)
 
 
 GOOD = """\

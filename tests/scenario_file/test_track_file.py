@@ -148,6 +148,8 @@ REFUSED = {
     "pressure without geoid": ("a.csv", opensky(), {"altitude_above": "pressure"},
                                "a.csv:1: altitudes above the sea need geoid_height_m"),
     "two aircraft": ("a.csv", opensky(others=["abc123"]), {}, "a.csv:6: icao24: must be one airc"),
+    "a column twice": ("a.csv", opensky().replace("icao24", "icao24,lat", 1), {},
+                       "a.csv:1: duplicate column 'lat'"),
     "no such aircraft": ("a.csv", opensky(), {"icao24": "ffffff"}, "no position of the aircraft"),
     "a bad latitude": ("a.csv", opensky().replace(",47.12,", ",99,"), {},
                        "a.csv:6: lat: must be a number not less than -90 and not greater than 90"),
