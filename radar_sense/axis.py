@@ -94,8 +94,7 @@ def steps(start: float, stop: float, step: float, most: int) -> FloatArray:
     last = (stop - start) / step * (1 + 1e-12) + 1e-9  # may be infinite
     if last >= most:
         raise InputError(f"makes {np.floor(last) + 1:,.0f} values, allowed are {most:,}")
-    # Rounding to 1e-12, or to 14 digits of small numbers, turns 3 · 0.1 = 0.30000000000000004 into
-    # 0.3.
+    # 3 · 0.1 = 0.30000000000000004 becomes 0.3: by 12 decimals, or by 14 digits of small numbers.
     digits = math.ceil(math.log10(max(abs(start), abs(stop)) or 1.0))
     decimals = min(max(12, 14 - digits), 40) if digits < 100 else 0  # which cannot overflow
     return np.round(start + step * np.arange(math.floor(last) + 1), decimals)

@@ -354,7 +354,7 @@ class Scenario:
     def with_keys(self, changes: Mapping[str, Any]) -> Scenario:
         """Return the scenario of the same file with other values of some keys.
 
-        Level, method, runs and seed are those of this scenario unless they are among the keys.
+        Level, method, runs and seed stay as they are here, unless `changes` has them.
 
         Args:
             changes: Values by path of keys, such as {"radar.constant": 200}.

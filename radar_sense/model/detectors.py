@@ -255,9 +255,8 @@ class Swerling3(PulseDetector):
     """Swerling's case 3: one large scatterer among many, chi-square with four degrees.
 
     The cross section is the same for all pulses. For a single pulse P_D = (1 + u s/(1 + s)) exp(−u)
-    with s = S/2 and u = X/(1 + s). This is the mean of Marcum's P_D over signal-to-noise ratios t
-    with the density (4t/S²) exp(−2t/S). The complement 1 − P_D, without cancellation, is
-    P(2, u) + exp(−u) u/(1 + s) with the incomplete gamma function P.
+    with s = S/2 and u = −ln P_fa/(1 + s). This is the mean of Marcum's P_D over signal-to-noise
+    ratios t with the density (4t/S²) exp(−2t/S).
     """
 
     slow: ClassVar[bool] = True

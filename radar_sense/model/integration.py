@@ -44,7 +44,8 @@ _NEGLIGIBLE = 45.0
 _BLOCK = 1 << 19
 #: Largest threshold of a pulse, 30 dB above noise. CFAR with few cells needs more for a small P_fa.
 _HIGHEST = 1000.0
-#: Least count of the signal in a miss for which the miss is an integral in place of a sum.
+#: Least count of the signal in a miss for which the miss is an integral in place of a sum. The
+#: integral agrees with the sum to 2e-11 of 1 − P_D there, and to 2e-8 with a single cell of CFAR.
 _FAR = 400.0
 #: Places on the path of the integral, in standard deviations. A Gaussian is below 1e-31 beyond.
 _PATH = np.arange(-12.0, 12.1, 0.25)

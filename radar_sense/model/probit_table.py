@@ -17,7 +17,8 @@ Probit: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 #: Largest signal-to-noise ratio of the table, 80 dB, and of the table beyond.
 HIGHEST, FARTHEST = 1e8, 1e100
-#: Width of a cell in x, and of a cell beyond the highest S, where z is smoother.
+#: Width of a cell in x, and of a cell beyond the highest S, where z is smoother. With half
+#: the width a single pulse is no better; a slow target with 1000 pulses is, by 2e-11 of z.
 _WIDTH, _WIDTH_BEYOND = 0.1, 0.4
 #: Places in a cell with exact values, from -1 to 1. The polynomial has twice as many coefficients.
 _NODES = -np.cos(np.pi * np.arange(4) / 3)
