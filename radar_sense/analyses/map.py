@@ -50,7 +50,7 @@ from radar_sense.propagation import (
 )
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, FloatArray
-from radar_sense.words import warning
+from radar_sense.words import placed, probability, warning
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -132,6 +132,8 @@ def coverage_map(
         raise InputError("worst_heading and course_deg exclude each other; give one of them")
     if k is not None and not upper:
         raise InputError("k is for the upper bound: it needs upper")
+    if not len(p_d):
+        raise InputError("p_d: give the P_D of one contour line or more")
     k, contours, result = k or 3.0, sorted(set(p_d)), Result(scenario, method)
     bounding = method if upper else None
     down = None if down_km is None else down_km * 1e3
@@ -188,7 +190,7 @@ def coverage_map(
         "area_km2": area_km2,
         "contours": contours,
         "area_km2_at_or_above": areas,
-        "route": [float(np.min(route)), float(np.max(route))],
+        "route": [float(np.fmin.reduce(route)), float(np.fmax.reduce(route))],
     }
     quantity = f"upper {k:g}-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     place = _pose_in_words(result.summary)
@@ -198,10 +200,12 @@ def coverage_map(
         f"{float(f'{area:.4g}'):,.10g} km^2"
         for level, area in areas.items()
     ]
-    low, high = result.summary["route"]
-    result.report += [f"along the route, at the attitude of each pose, {low:.4f} to {high:.4f}"]
+    ends = " to ".join(map(probability, result.summary["route"]))
+    result.report += [f"along the route, at the attitude of each pose, {ends}"]
     result.warnings += below_ground(scenario, down_km)
     result.warnings += _warnings(scenario, cells, pose, shown, method)
+    unknown = "at the route, the bound has no value" if upper else "at the route, P_D has no value"
+    result.warnings += placed("no-value", np.isnan(route), scenario.axis, unknown)
     if upper:
         result.warnings += _unreliable(scenario, cells, pose, method, k)
     result.exports = {"geojson": partial(geojson, route=route)}

@@ -33,7 +33,7 @@ def geojson(result: Result, route: FloatArray) -> bytes:
 
     Args:
         result: The map.
-        route: P_D (n,) at the poses, or its bound.
+        route: P_D (n,) at the poses, or its bound; NaN where there is none.
 
     Raises:
         InputError: If the scenario has no origin in latitude and longitude.
@@ -84,7 +84,7 @@ def _radars(result: Result, origin: tuple[float, float, float]) -> Iterator[Feat
 def _legs(
     result: Result, values: FloatArray, origin: tuple[float, float, float]
 ) -> Iterator[Feature]:
-    """Yield the legs of the route, each with the largest value of the poses on the leg."""
+    """Yield the legs of the route with a value, each with the largest of the poses on the leg."""
     from radar_sense import plotting
 
     places = geodesy.geodetic_from_ned(result.scenario.aircraft[:, POSITION], origin)
@@ -93,7 +93,9 @@ def _legs(
     stride = max(1, -(-last // _MOST_LEGS))
     for start in range(0, last, stride):
         leg = slice(start, min(start + stride, last) + 1)
-        value = float(np.max(values[leg]))
+        value = float(np.fmax.reduce(values[leg]))
+        if np.isnan(value):
+            continue
         parts = _cut(places[leg])
         yield _feature(
             "route",

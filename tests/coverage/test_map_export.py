@@ -239,3 +239,46 @@ def test_a_map_without_an_origin_has_no_place_on_the_earth(tmp_path, tool):
     assert code == 2
     with pytest.raises(ValueError, match="format must be one of png, pdf, svg, got 'geojson'"):
         rs.analyses.variance(rs.load_scenario()).save(tmp_path, ("geojson",))
+
+
+def over_the_radar(folder, *longitudes):
+    """The scenario of a route past or over the radar, which is at the origin, in longitudes."""
+    header = "time_s,latitude_deg,longitude_deg,altitude_m,roll_deg,pitch_deg,yaw_deg\n"
+    rows = [f"{600 * i},0,{longitude},9000,0,0,90\n" for i, longitude in enumerate(longitudes)]
+    (folder / "over.csv").write_text(header + "".join(rows))
+    origin = {"latitude_deg": 0, "longitude_deg": 0, "altitude_m": 0}
+    content = document(
+        radar__position_m=[0, 0, 0], geometry={"type": "path", "file": "over.csv", "origin": origin}
+    )
+    del content["aircraft"]["attitude_deg"]
+    (folder / "over.yaml").write_text(yaml.safe_dump(content))
+    return rs.load_scenario(folder / "over.yaml")
+
+
+@pytest.mark.parametrize(
+    ("longitudes", "legs", "says"),
+    [
+        # straight above the radar, the aspect has no gradient, and no bound
+        ((-0.5, 0, 0.5), 2, "the bound has no value at 600 s"),
+        ((-0.5, 0, 0, 0.5), 2, "the bound has no value at 600 to 1200 s"),
+        ((0,), 0, "the bound has no value at 0 s"),
+    ],
+)
+def test_a_pose_over_the_radar_has_no_bound_and_its_neighbours_have(
+    tmp_path, longitudes, legs, says
+):
+    scenario = over_the_radar(tmp_path, *longitudes)
+    result = coverage_map(scenario, upper=True, method="linear", **AREA)
+    assert any(says in line and line.endswith("[no-value]") for line in result.warnings)
+    low, high = result.summary["route"]
+    assert ("- to -" if legs == 0 else f"{low:.4f} to {high:.4f}") in result.report[-1]
+    _, path, _ = result.save(tmp_path / "out", ("geojson",))
+    features, _ = check_geojson(path.read_text(encoding="utf-8"))
+    values = [f["properties"] for f in features if f["properties"]["kind"] == "route"]
+    assert len(values) == legs
+    assert all(low <= value["upper_3sigma"] <= high for value in values)
+
+
+def test_a_map_without_contours_is_refused(config):
+    with pytest.raises(InputError, match="p_d: give the P_D of one contour line or more"):
+        coverage_map(rs.load_scenario(config), p_d=[], **AREA)
