@@ -26,7 +26,8 @@ from radar_sense.limits import METHODS
 from radar_sense.scenario_file import declare
 from radar_sense.scenario_file.declare import Key, keys_of
 from radar_sense.scenario_file.sections import File, Tolerances
-from radar_sense.sources import parts_of, sources_of
+from radar_sense.source_names import PART, SOURCE
+from radar_sense.sources import sources_of
 
 ROOT = Path(__file__).parents[1]
 MADE = (
@@ -263,7 +264,7 @@ def _with_placeholders(scenario: Any, column: str, meaning: str) -> tuple[str, s
     names = {
         "level": scenario.levels,
         "radar": scenario.model.names if len(scenario.model.names) > 1 else (),
-        "source": [*parts_of(scenario), *sources_of(scenario)],
+        "source": [*sources_of(scenario, PART), *sources_of(scenario, SOURCE)],
         "method": METHODS,
         "p_d": ("0.5",),
     }

@@ -21,7 +21,8 @@ from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.looks import Looks
 from radar_sense.scenario import Scenario
-from radar_sense.sources import error_budget, parts_of, scaled, sources_of, value_function
+from radar_sense.source_names import PART, SOURCE
+from radar_sense.sources import error_budget, scaled, sources_of, value_function
 from radar_sense.states import FloatArray
 
 #: Draws at a pose that verify a factor of 3σ, and of a look at all poses.
@@ -88,19 +89,18 @@ def required_accuracies(
         method: Method of propagation.
 
     Returns:
-        The accuracy required of each source, and of each part of a radar constant (`parts_of`).
+        The accuracy required of each source, and of each part of a radar constant.
         The other sources are unchanged. "all" scales all sources together.
     """
     goal = _Goal(scenario, limit, k, method)
-    whole, parts = list(sources_of(scenario)), list(parts_of(scenario))
-    by_name = {name: goal.required((name,)) for name in whole + parts}
-    return {**by_name, "all": goal.required(tuple(whole))}
+    by_name = {name: goal.required((name,)) for name in sources_of(scenario, SOURCE, PART)}
+    return {**by_name, "all": goal.required(tuple(sources_of(scenario, SOURCE)))}
 
 
 class _Goal:
     """A limit of 3σ of P_D, or of its upper bound, that is to be met at all poses.
 
-    `names` are names of `sources_of` and `parts_of`. A factor is one on their standard deviations.
+    `names` are names of `sources_of`. A factor is one on their standard deviations.
     """
 
     def __init__(self, scenario: Scenario, limit: float, k: float | None, method: str) -> None:
@@ -289,15 +289,14 @@ class _Goal:
         at = self.scenario.at_poses(slice(pose, pose + 1))
         if self.k is not None and at.model.p_d(at.aircraft[0], at.radar) > self.limit:
             return "P_D itself"
-        budget, parts = self.budget_at(pose), parts_of(at)
+        budget = self.budget_at(pose)
         others = dict(budget.sources)
         # The source of a part is replaced by its parts and, in a network, by the radar's position.
-        for part in [parts[name] for name in names if name in parts]:
-            del others[part.source]
-            siblings = [name for name, other in parts.items() if other.source == part.source]
-            others.update({name: budget.parts[name] for name in siblings})
-            if part.source != part.constant:
-                others[f"{part.source}_position"] = budget.finer[f"{part.source}_position"]
+        for source in {budget.parts[name].part_of for name in names if name in budget.parts}:
+            del others[source]
+            others |= {name: c for name, c in budget.parts.items() if c.part_of == source}
+            position = f"{source}_position"
+            others |= {name: c for name, c in budget.finer.items() if name == position}
         at_pose = {name: c.std[0] for name, c in others.items() if name not in names}
         return max(at_pose, key=at_pose.__getitem__) if at_pose else None
 

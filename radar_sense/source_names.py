@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from radar_sense.model.radar_constant import Tolerance
 from radar_sense.states import (
     AIRCRAFT,
     ATTENUATION_ERROR,
@@ -13,7 +14,6 @@ from radar_sense.states import (
     POSITION,
     RCS_ERROR,
     TILT_ERROR,
-    component,
     of_radar,
 )
 
@@ -24,27 +24,38 @@ AIRCRAFT_RCS = "aircraft_rcs"
 PARAMETERS = {"attenuation": ATTENUATION_ERROR, "tilt": TILT_ERROR}
 #: Sources that the paper does not have; their columns follow the total.
 FURTHER = (AIRCRAFT_RCS, *(f"radar_{name}" for name in PARAMETERS))
+#: Kinds of sources: those that together have all errors; in a network the whole aircraft, and
+#: position, constant and further parameters of each radar; and parts of c_r, one a tolerance.
+SOURCE, FINER, PART = "source", "finer", "part"
 
 
 @dataclass(frozen=True)
 class Source:
-    """A source: some components of the state of the aircraft or of those of all radars.
+    """A source of uncertainty: components of a state, and errors of tolerances of c_r.
 
     Attributes:
-        owner: "aircraft" or "radar".
-        components: Their places in the state, (6,) or (7m,).
-        part_of: Name of the source below which a budget has a finer one.
+        kind: `SOURCE`, `FINER` or `PART`.
+        owner: Whose state has the components, "aircraft" or "radar".
+        components: Their places in the state of the aircraft (6,) or of all radars (7m,).
+        errors: The errors of tolerances, see `Tolerance.error`.
+        part_of: Name of the source below which a budget has a finer one or a part.
     """
 
+    kind: str
     owner: str
-    components: tuple[int, ...]
+    components: tuple[int, ...] = ()
+    errors: frozenset[tuple[int | str, str]] = frozenset()
     part_of: str = ""
 
 
 def sources(
-    names: Sequence[str], bands: Sequence[str], types: Sequence[str], uncertain: Sequence[str]
+    names: Sequence[str],
+    bands: Sequence[str],
+    types: Sequence[str],
+    uncertain: Sequence[str],
+    tolerances: Sequence[Sequence[Tolerance]],
 ) -> dict[str, Source]:
-    """Return the sources of an error budget by name. Together they have all components.
+    """Return the sources of an error budget by name: first `SOURCE`, then `FINER`, then `PART`.
 
     Each radar of a network is one source, and so are the errors that radars of a type share. The
     sources of a single radar are the paper's.
@@ -53,55 +64,55 @@ def sources(
         names: Names of the radars (m,); () for a single radar without a name.
         bands: Band of each radar (m,).
         types: The types of radars that share tolerances.
-        uncertain: Which of `PARAMETERS` are uncertain.
+        uncertain: Which of `PARAMETERS` are uncertain of any radar.
+        tolerances: Tolerances of each c_r (m,).
     """
+    several = len(bands) > 1
+    constants = [f"{name}_constant" for name in names] if several else ["radar_constant"]
+    parts: dict[str, Source] = {}
+    for i, of_constant in enumerate(tolerances):
+        for t in of_constant:
+            constant = type_name(t.shared) if several and t.shared else constants[i]
+            source = names[i] if several and not t.shared else constant
+            errors = frozenset({t.error(i)})
+            parts[f"{constant}_{t.name}"] = Source(PART, "radar", errors=errors, part_of=source)
+
+    def errors_of(source: str) -> frozenset[tuple[int | str, str]]:
+        return frozenset().union(*(p.errors for p in parts.values() if p.part_of == source))
+
     found = {
-        "aircraft_position": Source("aircraft", _numbers(POSITION)),
-        "aircraft_orientation": Source("aircraft", _numbers(ATTITUDE)),
+        "aircraft_position": Source(SOURCE, "aircraft", _numbers(POSITION)),
+        "aircraft_orientation": Source(SOURCE, "aircraft", _numbers(ATTITUDE)),
     }
-    if len(bands) == 1:
-        found["radar_position"] = Source("radar", _numbers(POSITION))
-        found["radar_constant"] = Source("radar", (CONSTANT,))
+    of_radars = [_numbers(of_radar(i)) for i in range(len(bands))]
+    if several:
+        for name, own in zip(names, of_radars, strict=True):
+            without_rcs = (*own[:RCS_ERROR], *own[RCS_ERROR + 1 :])
+            found[name] = Source(SOURCE, "radar", without_rcs, errors_of(name))
+        for name in map(type_name, types):
+            found[name] = Source(SOURCE, "radar", errors=errors_of(name))
     else:
-        for i, name in enumerate(names):
-            own = _numbers(of_radar(i))
-            found[name] = Source("radar", tuple(c for c in own if c != own[RCS_ERROR]))
-        found |= {type_name(shared): Source("radar", ()) for shared in types}
+        found["radar_position"] = Source(SOURCE, "radar", _numbers(POSITION))
+        for name in constants:
+            found[name] = Source(SOURCE, "radar", (CONSTANT,), errors_of(name))
     different = list(dict.fromkeys(bands))
-    of_rcs = _numbers(component(RCS_ERROR, len(bands)))
     for band in different:
         name = AIRCRAFT_RCS if len(different) == 1 else f"{AIRCRAFT_RCS}_{band}"
-        own = tuple(c for c, other in zip(of_rcs, bands, strict=True) if other == band)
-        found[name] = Source("radar", own)
-    if len(bands) == 1:
-        found |= {f"radar_{name}": Source("radar", (PARAMETERS[name],)) for name in uncertain}
-    return found
-
-
-def finer_sources(names: Sequence[str], uncertain: Sequence[str]) -> dict[str, Source]:
-    """Return further sources of a budget of several radars: the aircraft, and parts of radars.
-
-    Args:
-        names: Names of the radars; fewer than two have no further sources.
-        uncertain: Which of `PARAMETERS` are uncertain of any radar.
-    """
-    if len(names) < 2:
-        return {}
-    finer = {"aircraft": Source("aircraft", _numbers(slice(0, len(AIRCRAFT))))}
-    for i, name in enumerate(names):
-        own = _numbers(of_radar(i))
-        finer[f"{name}_position"] = Source("radar", own[POSITION])
-        finer[f"{name}_constant"] = Source("radar", own[CONSTANT : CONSTANT + 1])
-    for parameter in uncertain:
-        for i, name in enumerate(names):
-            at = _numbers(of_radar(i))[PARAMETERS[parameter]]
-            finer[f"{name}_{parameter}"] = Source("radar", (at,), part_of=name)
-    return finer
-
-
-def constant_names(names: Sequence[str]) -> list[str]:
-    """Return the names of the radar constants among `sources` or `finer_sources`."""
-    return ["radar_constant"] if len(names) < 2 else [f"{name}_constant" for name in names]
+        own = tuple(at[RCS_ERROR] for at, b in zip(of_radars, bands, strict=True) if b == band)
+        found[name] = Source(SOURCE, "radar", own)
+    if several:
+        found["aircraft"] = Source(FINER, "aircraft", _numbers(slice(0, len(AIRCRAFT))))
+        for name, constant, own in zip(names, constants, of_radars, strict=True):
+            found[f"{name}_position"] = Source(FINER, "radar", own[POSITION])
+            found[constant] = Source(FINER, "radar", (own[CONSTANT],), errors_of(name))
+        for parameter in uncertain:
+            for name, own in zip(names, of_radars, strict=True):
+                at = own[PARAMETERS[parameter]]
+                found[f"{name}_{parameter}"] = Source(FINER, "radar", (at,), part_of=name)
+    else:
+        for parameter in uncertain:
+            found[f"radar_{parameter}"] = Source(SOURCE, "radar", (PARAMETERS[parameter],))
+    return found | parts
 
 
 def type_name(shared: str) -> str:

@@ -20,7 +20,6 @@ from radar_sense import covariance
 from radar_sense.axis import reached
 from radar_sense.cost import EVALUATIONS, foresee
 from radar_sense.errors import InputError
-from radar_sense.model.radar_constant import Tolerance
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
 from radar_sense.propagation import (
@@ -35,11 +34,11 @@ from radar_sense.propagation.looks import FIRST
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import (
     AIRCRAFT_RCS,
+    FINER,
+    PART,
+    SOURCE,
     Source,
-    constant_names,
-    finer_sources,
     sources,
-    type_name,
 )
 from radar_sense.states import AIRCRAFT, ATTITUDE, CONSTANT, POSITION, FloatArray, component
 from radar_sense.uncertain_states import UncertainStates
@@ -102,9 +101,8 @@ class Budget:
     Attributes:
         mean: Mean of P_D (n,).
         sources: The sources by name.
-        parts: Parts of radar constants, by `parts_of`.
-        finer: The whole aircraft, and position, constant and further parameters of each radar of a
-            network. Empty for a single radar, and for Sobol' indices.
+        parts: Parts of radar constants by name.
+        finer: Those of `FINER` by name. Empty for a single radar, and for Sobol' indices.
         total: All sources together.
         interaction: What is left of the variance, by correlations and nonlinearity of P_D. Its
             share is 1 minus the shares of the sources. The share can be negative.
@@ -184,8 +182,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     """
     if method == MONTE_CARLO:
         return _by_sobol_indices(scenario)
-    finer = finer_sources(scenario.model.names, scenario.uncertain_parameters)
-    names = [*sources_of(scenario), *finer, *parts_of(scenario)]
+    names = sources_of(scenario)
     count = len(names)
     at_pose = EVALUATIONS.get(method, EVALUATIONS["form"] + FIRST)  # FORM, and draws that judge it
     evaluations = len(scenario.aircraft) * len(scenario.radars) * at_pose
@@ -211,87 +208,46 @@ def _budget(
 
     Fields that only Sobol' indices have are by name of the contribution.
     """
-    sources, parts = sources_of(scenario), parts_of(scenario)
-    part_of = {name: part.source for name, part in parts.items()}
-    finer = finer_sources(scenario.model.names, scenario.uncertain_parameters)
-    part_of |= {name: source.part_of for name, source in finer.items()}
+    every = sources_of(scenario)
     variance = np.where(std > 0, std**2, np.nan)
     shares = {name: values**2 / variance for name, values in std_by_name.items()}
-    left = 1.0 - np.sum([shares[name] for name in sources], axis=0)
-    unknown = np.full_like(std, np.nan)
-    found = {
-        name: Contribution(
-            name, values, share, part_of=part_of.get(name, ""), **by_indices.get(name, {})
-        )
-        for name, values, share in (
-            *((name, std_by_name[name], share) for name, share in shares.items()),
-            ("total", std, std**2 / variance),
-            ("interaction", unknown, left),
-        )
+    left = 1.0 - np.sum([s for name, s in shares.items() if every[name].kind == SOURCE], axis=0)
+
+    def contribution(name: str, std: FloatArray, share: FloatArray) -> Contribution:
+        part_of = every[name].part_of if name in every else ""
+        return Contribution(name, std, share, part_of=part_of, **by_indices.get(name, {}))
+
+    each = {name: contribution(name, std_by_name[name], share) for name, share in shares.items()}
+    by_kind = {
+        kind: {name: c for name, c in each.items() if every[name].kind == kind}
+        for kind in (SOURCE, FINER, PART)
     }
     return Budget(
         mean,
-        sources={name: found[name] for name in sources},
-        parts={name: found[name] for name in parts},
-        finer={name: found[name] for name in finer if name in found},
-        total=found["total"],
-        interaction=found["interaction"],
+        sources=by_kind[SOURCE],
+        parts=by_kind[PART],
+        finer=by_kind[FINER],
+        total=contribution("total", std, std**2 / variance),
+        interaction=contribution("interaction", np.full_like(std, np.nan), left),
     )
 
 
-def sources_of(scenario: Scenario) -> dict[str, Source]:
-    """Return the sources of the error budget of a scenario by name."""
+def sources_of(scenario: Scenario, *kinds: str) -> dict[str, Source]:
+    """Return the sources of a scenario by name, of all kinds or of some."""
     found = sources(
         scenario.model.names,
         scenario.bands,
         scenario.types,
         scenario.uncertain_parameters,
+        scenario.tolerances,
     )
     std = np.diagonal(scenario.states().cov_radar[0])
     return {
         name: source
         for name, source in found.items()
-        if not name.startswith(AIRCRAFT_RCS) or std[list(source.components)].any()
+        if (source.kind in kinds or not kinds)
+        and (not name.startswith(AIRCRAFT_RCS) or std[list(source.components)].any())
     }
-
-
-@dataclass(frozen=True)
-class ConstantPart:
-    """A part of a radar constant, and its place in a budget.
-
-    Attributes:
-        tolerance: The tolerance of one parameter of the radar constant.
-        radar: Number of the radar, from 0.
-        source: Name of the source that has the part, from `sources_of`.
-        constant: Name of the radar constant, of `finer_sources` in a network; the name of the
-            source for a part that radars share.
-    """
-
-    tolerance: Tolerance
-    radar: int
-    source: str
-    constant: str
-
-    @property
-    def name(self) -> str:
-        """Name of the part in a budget; `name_problem` keeps the name unique."""
-        return f"{self.constant}_{self.tolerance.name}"
-
-
-def parts_of(scenario: Scenario) -> dict[str, ConstantPart]:
-    """Return the parts of all radar constants at the scenario's level, by their names."""
-    names, several = scenario.model.names, len(scenario.radars) > 1
-    constants = constant_names(names)
-    found: dict[str, ConstantPart] = {}
-    for i, tolerances in enumerate(scenario.tolerances):
-        for tolerance in tolerances:
-            constant = constants[i]
-            source = names[i] if several else constant
-            if several and tolerance.shared:
-                source = constant = type_name(tolerance.shared)
-            part = ConstantPart(tolerance, i, source, constant)
-            found.setdefault(part.name, part)
-    return found
 
 
 def value_function(
@@ -300,7 +256,7 @@ def value_function(
     """Return a function of names of sources and of a factor on the σ of these sources.
 
     The value (n,) of the function is the upper bound of P_D at Φ(k), or 3σ of P_D if k is None. The
-    names are names of `states.sources` and of `parts_of`.
+    names are names of `sources_of`.
     """
     whole = distribution(scenario, method)
 
@@ -318,31 +274,25 @@ def scaled(
 
     Args:
         scenario: The scenario.
-        names: Names of sources, of finer ones too, and of parts.
+        names: Names of `sources_of`.
         factor: Factor on the standard deviations of these.
         others: Factor on the standard deviations of all others; 0 makes them certain.
     """
-    parts = parts_of(scenario)
     every = sources_of(scenario)
-    every |= finer_sources(scenario.model.names, scenario.uncertain_parameters)
+    chosen = [every[name] for name in names]
     covariances = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
     for owner, matrix in covariances.items():
         scale = np.full(matrix.shape[-1], others)
-        for name in names:
-            if name not in parts and every[name].owner == owner:
-                scale[list(every[name].components)] = factor
+        for source in chosen:
+            if source.owner == owner:
+                scale[list(source.components)] = factor
         certain = np.zeros(matrix.shape[-2:])  # one matrix for all poses
         covariances[owner] = matrix * np.outer(scale, scale) if scale.any() else certain
-    by_error = {(p.tolerance.shared or p.radar, p.tolerance.key): p for p in parts.values()}
-    tolerances: list[list[Tolerance]] = []
-    for i, of_radar in enumerate(scenario.tolerances):
-        tolerances.append([])
-        for tolerance in of_radar:
-            part = by_error[tolerance.shared or i, tolerance.key]
-            by = others if {part.name, part.source, part.constant}.isdisjoint(names) else factor
-            if by:
-                changed = dataclasses.replace(tolerance, std=by * tolerance.std)
-                tolerances[i].append(changed)
+    errors = frozenset().union(*(source.errors for source in chosen))
+    tolerances = []
+    for i, own in enumerate(scenario.tolerances):
+        each = ((t, factor if t.error(i) in errors else others) for t in own)
+        tolerances.append([dataclasses.replace(t, std=by * t.std) for t, by in each if by])
     return scenario.states().with_covariances(
         covariances["aircraft"], covariances["radar"], tolerances
     )
@@ -357,7 +307,8 @@ def _without_tolerances(scenario: Scenario) -> FloatArray:
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
-    states, shown, parts = scenario.states(), sources_of(scenario), parts_of(scenario)
+    states, every = scenario.states(), sources_of(scenario, SOURCE, PART)
+    shown = sources_of(scenario, SOURCE)
     matrices = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
     # with an attenuation in a network ε is an input too, even if the RCS is certain
     for whose, matrix in matrices.items():
@@ -375,18 +326,17 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
             scenario.cov_aircraft[..., block, block]
         )
     first, tolerances = len(AIRCRAFT), len(AIRCRAFT) + len(states.columns)
-    groups = {
-        name: list(s.components)
-        if s.owner == "aircraft"
-        else (first + np.flatnonzero(np.isin(states.columns, s.components))).tolist()
-        for name, s in shown.items()
+    numbers = {
+        t.error(i): tolerances + number
+        for i, own in enumerate(scenario.tolerances)
+        for t, number in zip(own, states.tolerance_normals[i], strict=True)
     }
-    for part in parts.values():
-        keys = [t.key for t in scenario.tolerances[part.radar]]
-        number = states.tolerance_normals[part.radar][keys.index(part.tolerance.key)]
-        # The group of a source has the inputs of all its parts.
-        groups[part.name] = [tolerances + number]
-        groups[part.source] = groups[part.source] + groups[part.name]
+    groups = {}
+    for name, source in every.items():
+        inputs = list(source.components)
+        if source.owner == "radar":
+            inputs = (first + np.flatnonzero(np.isin(states.columns, inputs))).tolist()
+        groups[name] = inputs + sorted(numbers[error] for error in source.errors)
 
     def p_d(normals: FloatArray, poses: slice) -> FloatArray:
         errors = _errors(sqrt_cov, normals[:, :first], poses)

@@ -332,9 +332,9 @@ def in_sight(model: NetworkModel, sight: NDArray[np.int8]) -> tuple[list[int], N
 
 def _numbered(tolerances: Sequence[Sequence[Tolerance]]) -> list[list[int]]:
     """Return the number of the error of each tolerance; one number for what radars share."""
-    numbers: dict[tuple[str | int, str], int] = {}
+    numbers: dict[tuple[int | str, str], int] = {}
     return [
-        [numbers.setdefault((t.shared or i, t.key), len(numbers)) for t in own]
+        [numbers.setdefault(t.error(i), len(numbers)) for t in own]
         for i, own in enumerate(tolerances)
     ]
 

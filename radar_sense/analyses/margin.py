@@ -26,6 +26,7 @@ from radar_sense.model.radar import Radar
 from radar_sense.model.radar_equation import NEPERS
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.scenario import Scenario
+from radar_sense.source_names import SOURCE
 from radar_sense.sources import sources_of
 from radar_sense.states import CONSTANT, FloatArray
 
@@ -251,7 +252,7 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
     by_owner = dict(zip(("aircraft", "radar"), partials, strict=True))
     covariances = dict(zip(by_owner, states.squeezed[2:], strict=True))
     variances = dict.fromkeys((*TERMS.values(), "radar_constant"), 0.0 * ones)
-    for name, source in sources_of(scenario).items():
+    for name, source in sources_of(scenario, SOURCE).items():
         partials_of, own = by_owner[source.owner], list(source.components)
         chosen = np.zeros_like(partials_of)
         chosen[:, own] = partials_of[:, own]

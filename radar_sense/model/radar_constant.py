@@ -61,6 +61,10 @@ class Tolerance:
         """Contribution to σ of c_r over c_r: ∂ ln c_r/∂x of value + std · x at x = 0."""
         return self.power * self.std * (NEPERS if self.decibels else 1.0 / self.value)
 
+    def error(self, radar: int) -> tuple[int | str, str]:
+        """Return what identifies the error: the number of its radar, or the type, and the key."""
+        return self.shared or radar, self.key
+
     def factor(self, normals: FloatArray) -> FloatArray:
         """Return the factor of c_r (...) where the parameter is value + std · normals.
 
