@@ -236,7 +236,7 @@ def _estimate(
     above, of_above = np.full(len(p_d), np.nan), np.full(len(p_d), np.nan)
     if not np.isnan(p_max):
         exceeds = p_d > p_max
-        above = np.sum(rising.weights, axis=1, where=exceeds)
+        above = np.minimum(np.sum(rising.weights, axis=1, where=exceeds), 1.0)  # but for rounding
         of_above = rising.error_of_share(exceeds)
     return Estimate(
         mean,

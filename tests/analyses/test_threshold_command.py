@@ -184,3 +184,11 @@ def test_the_threshold_is_drawn(k):
     assert labels.count("violated") == 1
     assert "threshold 0.5" in labels
     assert len(labels) == 4  # the band is that of k
+    (shade,) = (part for part in axes.collections if part.get_label() == "violated")
+    azimuth, violated = result.table["theta_r_deg"], result.table["violated"] > 0
+    shaded = np.zeros(len(azimuth), dtype=bool)
+    for left, right in (path.get_extents().intervalx for path in shade.get_paths()):
+        shaded |= (azimuth >= left) & (azimuth <= right)
+        assert all(end in (0, 180) or end % 10 == 5 for end in (left, right))  # half way
+    np.testing.assert_array_equal(shaded, violated)
+    assert 0 < violated.sum() < len(violated)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers import (
     document,
+    paper_network,
     place,
     refusal,
     scenario,
@@ -286,6 +287,10 @@ def test_the_classes_refuse_what_the_reader_refuses():
         dataclasses.replace(paper, rcs_db=-1)
     with pytest.raises(ValueError, match="exclude each other"):
         with_arrays(paper, model=rs.DetectionModel(TABLE, 1e-6), rcs_db=1)
+    one, other = paper_network([(0, 0, 0)] * 2, [80, 80]).radars
+    other = dataclasses.replace(other, band="x", model=rs.DetectionModel(TABLE, 1e-6))
+    with pytest.raises(ValueError, match="exclude each other"):  # one of two is enough
+        dataclasses.replace(paper, radars=(one, other), rcs_db=1)
     for std in (np.ones(3), np.zeros(len(AZIMUTH)), np.full(len(AZIMUTH), np.nan)):
         with pytest.raises(ValueError, match="std_db must"):
             TableRCS(AZIMUTH, TABLE.rcs[:, 0], std_db=std)

@@ -12,7 +12,7 @@ import tracemalloc
 import chain_rule
 import numpy as np
 import pytest
-from helpers import scenario, single
+from helpers import p_d_each, scenario, single
 from scipy.special import ndtr
 from scipy.stats import binom
 
@@ -20,11 +20,16 @@ import radar_sense as rs
 from radar_sense.errors import ComputationError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import ALWAYS, NEVER, PERHAPS, Radar
+from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo import montecarlo
 from radar_sense.montecarlo.montecarlo import MAX_SAMPLE_PATHS, TAIL, monte_carlo
+from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.progress import listening
 from radar_sense.scenario_file.load import load_scenario
+from radar_sense.uncertain_states import uncertain_states
 
 NOTHING = {"position_m": 0, "attitude_deg": 0}
 FEW = {"start": 0, "stop": 180, "step": 15}
@@ -163,6 +168,29 @@ def test_the_linearized_band_is_not_consistent_at_90_degrees(level, coverage):
     assert low[0] - 0.0005 < coverage < high[0] + 0.0005  # it was published to three digits
     assert high[0] < 1 - 2 * TAIL - 0.005
     assert low[0] < mc.coverage[0] < high[0]
+
+
+def test_draws_where_the_sight_of_the_radars_changes_are_those_of_the_whole_network():
+    """Each radar is out of reach, at its limit, or surely seen, in any order of the poses."""
+    flight = np.zeros((400, 6))
+    north = np.linspace(150e3, 1e3, 400)
+    flight[:, 0], flight[:, 2] = np.random.default_rng(4).permutation(north), -8e3
+    cov_aircraft = np.diag([1e4] * 3 + [0.0] * 3)
+    one = model.DetectionModel(ConstantRCS(1.0), 1e-6)
+    for limits in ([100e3], [100e3, 60e3]):
+        radars = [Radar(one, f"r{i}", max_range=r, min_range=9e3) for i, r in enumerate(limits)]
+        network, m = NetworkModel(tuple(radars)), len(limits)
+        radar = np.tile([0.0, 0, 0, 2e3, 0, 0, 0], m)
+        cov_radar = np.kron(np.eye(m), np.diag([400.0, 400, 400, 1e3, 0, 0, 0]))
+        _, states = uncertain_states(network, flight, radar, cov_aircraft, cov_radar)
+        sampler = Sampler(states)
+        normals = np.random.default_rng(5).standard_normal((50, 400, 6))
+        of_radars = np.random.default_rng(6).standard_normal((50, sampler.radar_normals))
+        drawn, _ = sampler.draw_radar(of_radars)
+        aircraft = flight + normals * np.sqrt(np.diag(cov_aircraft))
+        expected = 1 - np.prod(1 - p_d_each(network, aircraft, drawn[:, np.newaxis]), axis=-1)
+        np.testing.assert_allclose(sampler.draw_p_d(normals, drawn), expected, atol=1e-13)
+        assert set(np.unique(states.sight)) == {NEVER, PERHAPS, ALWAYS}
 
 
 def test_constants_drawn_below_zero_become_zero_and_are_counted():

@@ -14,7 +14,7 @@ from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.propagation import METHODS, propagate_scenario
+from radar_sense.propagation import METHODS, distribution, propagate_scenario
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.states import of_radar
@@ -187,6 +187,15 @@ def test_no_signal_anywhere_is_the_floor(detector):
     noise = [m.p_d(PAPER.aircraft[0], np.zeros(4)) for m in models]
     by_itself = net.floor(np.array([[True, False], [False, True]]))
     assert_allclose(ndtr(by_itself), noise, rtol=1e-13)
+
+
+def test_p_d_is_surely_above_a_limit_below_the_floor():
+    scenario = paper_network([(0, 0, 0)] * 2, [80, 80], poses=slice(0, 1))
+    p_fa = scenario.model.models[0].p_fa
+    floor = 1 - (1 - p_fa) ** 2
+    cov_radar = np.diag([0, 0, 0, 80.0**2] * 2)  # a constant of 0 has no signal
+    scenario = with_arrays(scenario, cov_radar={"medium": cov_radar})
+    assert distribution(scenario, "form").exceedance(0.99 * floor)[0] == 1
 
 
 # Constants whose logarithm is Gaussian.
