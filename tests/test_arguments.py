@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import radar_sense as rs
+from radar_sense.errors import describe
 
 PAPER = rs.load_scenario()
 (RADAR,) = PAPER.radars
@@ -172,3 +173,16 @@ def test_the_repr_of_many_radars_names_some():
     many = rs.NetworkModel(tuple(rs.Radar(MODEL, f"r{i}".ljust(40, "x")) for i in range(64)))
     assert "r0x" in repr(many)
     assert len(repr(many)) < 400
+
+
+def test_a_value_in_a_message_is_whole_up_to_40_letters():
+    for value, text in (
+        (1.5, "1.5"),
+        (MODEL.p_fa, "0.00017"),
+        ("x" * 40, repr("x" * 40)),
+        ("x" * 41, repr("x" * 37 + "...")),
+        ([1] * 13, repr([1] * 13)),
+        ([1] * 14, "[1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, ..."),
+        (np.ones((2, 2)), "array([[1., 1.], [1., 1.]])"),
+    ):
+        assert describe(value) == text

@@ -435,3 +435,21 @@ def test_a_source_without_a_value_is_not_dominant():
         )
         expected = describe_poses(own & ~any_unknown & (columns["total"] > 0), s.axis)
         assert found.summary["dominates"].get("aircraft_orientation", "") == expected
+
+
+def test_a_figure_of_many_lines_names_those_that_it_leaves_out():
+    s = rs.load_scenario("configs/rainy_day.yaml")
+    s = s.at_poses(np.arange(0, len(s.aircraft), 10))
+    found = error_budget(s)
+    tops = {c.name: c.std.max() for c in (*found.sources.values(), *found.parts.values())}
+    left_out = {name for name, top in tops.items() if top < 0.01 * found.total.std.max()}
+    assert 0 < len(left_out) < len(tops)
+    figure = analyses.budget(s, method="linear").plot()
+    (text,) = (t.get_text() for t in figure.texts if "below 1%" in t.get_text())
+    named = text.splitlines()[0].removeprefix("below 1% of the total: ").split(", ")
+    assert {name.replace(" ", "_") for name in named} == left_out
+    drawn = [line for line in figure.axes[0].lines if not line.get_label().startswith("_")]
+    assert len(drawn) == len(tops) - len(left_out) + 1
+    # every line that is drawn reaches 1 % of the total somewhere
+    highest = max(np.nanmax(line.get_ydata()) for line in drawn)
+    assert all(np.nanmax(line.get_ydata()) >= 0.01 * highest for line in drawn)

@@ -1,5 +1,6 @@
 """Radars that integrate: commands, and `detectors` of two radars."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,11 @@ def test_detectors_of_two_radars():
         error = table["north_less_marcum"][table["p_fa"] == worst["p_fa"]]
         assert worst["error"] == error[np.argmax(abs(error))]
         assert (worst["error"] < 0) == (worst["p_fa"] == 0.2)
+    steady = [row for row in summary["required_snr"] if row["detector"] == "swerling1"]
+    p_fas = {row["p_fa"] for row in steady}
+    closed = {(f, p): math.log(f) / math.log(p) - 1 for f in p_fas for p in (0.5, 0.9)}
+    found = {(row["p_fa"], row["p_d"]): 10 ** (row["snr_db"] / 10) for row in steady}
+    assert found == pytest.approx(closed, rel=1e-9)
     # a detector of a radar is shown for the P_fa of the radar
     rows = [row for row in summary["required_snr"] if "cell_averaging" in row["detector"]]
     assert [row["p_fa"] for row in rows] == [1e-6, 1e-6]

@@ -361,3 +361,13 @@ def test_a_lower_bound_is_right_or_warned_of():
     lower = column(result, "lower_3sigma_m_0.5")[1]
     warned = any("at all 4 bearings" in w or " 90 " in w for w in result.warnings)
     assert warned or lower == pytest.approx(2775, rel=0.02)
+
+
+def test_the_band_of_a_figure_has_the_bounds_of_the_table():
+    result = rs.analyses.range(scenario(), step_deg=30.0, p_d=(0.5,))
+    bounds = [column(result, f"{end}_3sigma_m_0.5") for end in ("lower", "upper")]
+    (panel,) = (axes for axes in result.plot().axes if axes.name == "polar")
+    (band,) = panel.collections[:1]
+    radius = band.get_paths()[0].vertices[:, 1]
+    for bound in bounds:
+        assert all(np.isclose(radius, km).any() for km in bound / 1e3)
