@@ -33,14 +33,21 @@ from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.looks import FIRST
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import (
-    AIRCRAFT_RCS,
     FINER,
     PART,
     SOURCE,
     Source,
     sources,
 )
-from radar_sense.states import AIRCRAFT, ATTITUDE, CONSTANT, POSITION, FloatArray, component
+from radar_sense.states import (
+    AIRCRAFT,
+    ATTITUDE,
+    CONSTANT,
+    POSITION,
+    RCS_ERROR,
+    FloatArray,
+    component,
+)
 from radar_sense.uncertain_states import UncertainStates
 
 #: The gradient for a source counts as zero where the share of the source is below VANISHING times
@@ -233,7 +240,10 @@ def _budget(
 
 
 def sources_of(scenario: Scenario, *kinds: str) -> dict[str, Source]:
-    """Return the sources of a scenario by name, of all kinds or of some."""
+    """Return the sources of a scenario by name, of all kinds or of some.
+
+    An RCS that is certain is none.
+    """
     found = sources(
         scenario.model.names,
         scenario.bands,
@@ -241,12 +251,14 @@ def sources_of(scenario: Scenario, *kinds: str) -> dict[str, Source]:
         scenario.uncertain_parameters,
         scenario.tolerances,
     )
-    std = np.diagonal(scenario.states().cov_radar[0])
+    variance = np.diagonal(scenario.states().cov_radar[0])
+    of_rcs = np.arange(len(variance))[component(RCS_ERROR, len(scenario.radars))]
+    certain = {*of_rcs[variance[of_rcs] == 0].tolist()}
     return {
         name: source
         for name, source in found.items()
         if (source.kind in kinds or not kinds)
-        and (not name.startswith(AIRCRAFT_RCS) or std[list(source.components)].any())
+        and not (source.components and certain.issuperset(source.components))
     }
 
 

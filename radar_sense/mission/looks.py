@@ -122,7 +122,7 @@ class Looks:
         Args:
             radar: The radar, 0 to m − 1.
             poses: Aircraft states (K, paths, 6).
-            states: States of the radar (paths, draws, 4) or (paths, draws, 6).
+            states: States of the radar (paths, draws, 7).
         """
         station = self.scenario.radars[radar]
         # the memory order of the states, component first

@@ -234,7 +234,7 @@ class _Plan:
         """Draw the states of a sampler's radars, the first of which has this number.
 
         Returns:
-            States (draws, 6) of each radar, and weights (draws,).
+            States (draws, 7) of each radar, and weights (draws,).
         """
         draws = self.paths * self.draws
         normals, weight = widened_normals(generator, CANDIDATES * draws, sampler.radar_normals)

@@ -261,7 +261,7 @@ def _at(states: FloatArray, shape: tuple[int, ...], places: NDArray[np.intp]) ->
 def _extrapolated(
     model: DetectionModel, aircraft: FloatArray, radar: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return z of states (k, 6) and (k, 6) and its partials, linear below c_r = 0."""
+    """Return z of states (k, 6) and (k, 7) and its partials, linear below c_r = 0."""
     below_zero = np.minimum(radar[:, CONSTANT], 0.0)
     # Unchecked, because a diverging search reaches states that are not finite.
     if not below_zero.any():

@@ -20,7 +20,7 @@ from helpers import (
     write,
     yaml_text,
 )
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses
 from radar_sense.accuracy import required_accuracies
@@ -181,3 +181,17 @@ def test_names_that_a_part_may_have_are_refused(tool, names):
     code, out, err = tool("variance", "my.yaml")
     assert_refused(code, out, err)
     assert name_problem(["a", "b", "a_loss_db", "a_constan"]) is None
+
+
+def test_the_name_of_a_radar_changes_no_number():
+    """Its name may begin as that of a source of the aircraft does."""
+    content = mixed_document()
+    renamed = {**content, "radars": [dict(entry) for entry in content["radars"]]}
+    renamed["radars"][1]["name"] = "aircraft_rcs_2"
+    before, after = (error_budget(parse_scenario(yaml_text(c))) for c in (content, renamed))
+    for kind in ("sources", "parts", "finer"):
+        found = {n.replace("aircraft_rcs_2", "b"): c.std for n, c in getattr(after, kind).items()}
+        expected = {name: c.std for name, c in getattr(before, kind).items()}
+        assert list(found) == list(expected)
+        for name, std in expected.items():
+            assert_array_equal(found[name], std)
