@@ -286,6 +286,7 @@ def test_factors_beyond_the_values_of_a_method_are_not_known(monkeypatch):
     result = analyses.budget(spiky, method="form", target=0.02)
     # draws answer in place of the method
     required = result.summary["target"]["required_accuracy"]
+    assert not any(found["unlimited"] for found in required.values())
     for name, found in required.items():
         if name == "all":
             assert 0 < found["factor"] < 1

@@ -114,6 +114,18 @@ def test_units_are_plain_on_the_terminal_and_in_the_figure(tool, key, value, uni
     assert figure.axes[0].get_xlabel() == label
 
 
+def test_the_figure_has_the_band_of_the_table():
+    s = rs.load_scenario(changes={"geometry.azimuth_deg.step": 60})
+    result = analyses.sweep(s, key="radar.constant", start=10, stop=40, step=10)
+    assert np.all(result.table["lower"] < result.table["highest_p_d"] - 1e-3)
+    (axes,) = result.plot().axes
+    drawn = [line.get_ydata() for line in axes.lines]
+    for name in ("highest_p_d", "lower", "upper"):
+        column = result.table[name]
+        assert any(len(y) == len(column) and np.allclose(y, column) for y in drawn), name
+    assert "its band of $3\\,\\sigma$" in axes.get_legend_handles_labels()[1]
+
+
 def test_set_on_the_command_line(tool):
     assert tool("variance", "--set", "radar.constant=1.50e2", "--no-plot").code == 0
     record = read_record("figures/paper_variance.json")
