@@ -421,7 +421,7 @@ def pose_lines(figure: Figure, axis: Axis, lines: Sequence[PoseLine], label: str
 
 
 def key_in_words(key: str) -> str:
-    """Return the name of a key or a source in words, with its unit if the name ends with one."""
+    """Return the name of a key in words, with its unit if the name ends with one."""
     unit = ascii_unit(key)
     return without_unit(key).replace("_", " ") + (f" [{unit}]" if unit else "")
 

@@ -187,7 +187,7 @@ def _know_first(scenario: Scenario, first: Sequence[Contribution], total: float,
 def _draw(figure: Figure, result: Result, found: Budget) -> None:
     """Draw 3σ of the sources, of their parts as thin lines of the same colour, and of all."""
     from radar_sense import plotting
-    from radar_sense.plotting import PoseLine, key_in_words
+    from radar_sense.plotting import PoseLine
 
     model, total = result.scenario.model, found.total
     radars = model.names if len(model.radars) > 1 else ()
@@ -195,21 +195,28 @@ def _draw(figure: Figure, result: Result, found: Budget) -> None:
     style_of = plotting.source_styles([*found.sources], radars)
     tops = {c.name: np.nanmax(c.three_sigma, initial=0.0) for c in (*sources, *parts, total)}
     seen = {n for n, top in tops.items() if len(tops) <= MANY or top >= VISIBLE * tops["total"]}
-    unseen = [key_in_words(c.label) for c in (*sources, *parts) if c.name not in seen]
+    unseen = [_in_words(c) for c in (*sources, *parts) if c.name not in seen]
     if unseen:
         text = f"below {VISIBLE:.0%} of the total: {', '.join(unseen)}"
         plotting.add_small_print(figure, text)
     lines = [
-        PoseLine(key_in_words(c.label), c.three_sigma, style_of[c.name])
-        for c in sources
-        if c.name in seen
+        PoseLine(_in_words(c), c.three_sigma, style_of[c.name]) for c in sources if c.name in seen
     ]
     for i, c in enumerate(c for c in parts if c.name in seen):
         style = style_of[c.part_of][0], plotting.LINES[i % len(plotting.LINES)][1]
-        of = "" if c.part_of == "radar_constant" else f"{c.part_of} "
-        label = of + key_in_words(c.label.removeprefix("constant_"))
-        lines.append(PoseLine(label, c.three_sigma, style, width=0.6))
+        lines.append(PoseLine(_in_words(c), c.three_sigma, style, width=0.6))
     # the total is under the line of the only radar that sees the aircraft
     under = {"width": 2.2, "zorder": 1.8} if radars else {}
     lines.append(PoseLine("total", total.three_sigma, ("black", "-"), **under))
     plotting.pose_lines(figure, result.scenario.axis, lines, r"$3\,\sigma$ of $P_D$")
+
+
+def _in_words(c: Contribution) -> str:
+    """Return the name of a source in words, of a part that of its parameter with the unit."""
+    from radar_sense.plotting import key_in_words
+
+    if not c.part_of:
+        return c.name.replace("_", " ")
+    parameter = key_in_words(c.label.removeprefix("constant_"))
+    of = "" if c.part_of == "radar_constant" else f"{c.part_of.replace('_', ' ')} "
+    return f"{of}{parameter}"

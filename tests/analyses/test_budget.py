@@ -454,3 +454,13 @@ def test_a_figure_of_many_lines_names_those_that_it_leaves_out():
     # every line that is drawn reaches 1 % of the total somewhere
     highest = max(np.nanmax(line.get_ydata()) for line in drawn)
     assert all(np.nanmax(line.get_ydata()) >= 0.01 * highest for line in drawn)
+
+
+def test_the_figure_names_a_band_and_not_a_unit():
+    """Bands are S and L, in small letters: no seconds. Each parameter has its radar or type."""
+    s = rs.load_scenario("configs/gap_fillers.yaml")
+    s = s.at_poses(np.arange(0, len(s.aircraft), 10))
+    (axes,) = analyses.budget(s, method="linear").plot().axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert {"aircraft rcs s", "aircraft rcs l", "type gap filler gain [dBi]"} <= set(labels)
+    assert "coast noise figure [dB]" in labels
