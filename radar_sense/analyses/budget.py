@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -195,28 +195,32 @@ def _draw(figure: Figure, result: Result, found: Budget) -> None:
     style_of = plotting.source_styles([*found.sources], radars)
     tops = {c.name: np.nanmax(c.three_sigma, initial=0.0) for c in (*sources, *parts, total)}
     seen = {n for n, top in tops.items() if len(tops) <= MANY or top >= VISIBLE * tops["total"]}
-    unseen = [_in_words(c) for c in (*sources, *parts) if c.name not in seen]
+    unseen = [_in_words(c, radars) for c in (*sources, *parts) if c.name not in seen]
     if unseen:
         text = f"below {VISIBLE:.0%} of the total: {', '.join(unseen)}"
         plotting.add_small_print(figure, text)
     lines = [
-        PoseLine(_in_words(c), c.three_sigma, style_of[c.name]) for c in sources if c.name in seen
+        PoseLine(_in_words(c, radars), c.three_sigma, style_of[c.name])
+        for c in sources
+        if c.name in seen
     ]
     for i, c in enumerate(c for c in parts if c.name in seen):
         style = style_of[c.part_of][0], plotting.LINES[i % len(plotting.LINES)][1]
-        lines.append(PoseLine(_in_words(c), c.three_sigma, style, width=0.6))
+        lines.append(PoseLine(_in_words(c, radars), c.three_sigma, style, width=0.6))
     # the total is under the line of the only radar that sees the aircraft
     under = {"width": 2.2, "zorder": 1.8} if radars else {}
     lines.append(PoseLine("total", total.three_sigma, ("black", "-"), **under))
     plotting.pose_lines(figure, result.scenario.axis, lines, r"$3\,\sigma$ of $P_D$")
 
 
-def _in_words(c: Contribution) -> str:
+def _in_words(c: Contribution, radars: Collection[str]) -> str:
     """Return the name of a source in words, of a part that of its parameter with the unit."""
     from radar_sense.plotting import key_in_words
 
+    source = c.part_of or c.name
+    if source not in radars:
+        source = source.replace("_", " ")
     if not c.part_of:
-        return c.name.replace("_", " ")
+        return source
     parameter = key_in_words(c.label.removeprefix("constant_"))
-    of = "" if c.part_of == "radar_constant" else f"{c.part_of.replace('_', ' ')} "
-    return f"{of}{parameter}"
+    return parameter if c.part_of == "radar_constant" else f"{source} {parameter}"
