@@ -23,7 +23,12 @@ UNITS = {
 
 
 def unit_name(name: str) -> str:
-    """Return the unit at the end of a name, as in `range_km` or `db_per_km`; "" without a unit."""
+    """Return the unit at the end of a name; "" without a unit.
+
+    Examples are `range_km`, `db_per_km`, and `position_m[1]`, an entry of a list.
+    """
+    if name.endswith("]"):
+        return unit_name(name.rpartition("[")[0])
     if name.endswith("_m_s"):
         return "m/s"
     stem, _, unit = name.rpartition("_")
@@ -41,6 +46,9 @@ def without_unit(name: str) -> str:
     """Return a name without the unit at its end."""
     if not unit_name(name):
         return name
+    if name.endswith("]"):
+        of_list, bracket, entry = name.rpartition("[")
+        return f"{without_unit(of_list)}{bracket}{entry}"
     if name.endswith("_m_s"):
         return name.removesuffix("_m_s")
     stem = name.rpartition("_")[0]

@@ -26,7 +26,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import ANY
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
-from radar_sense.units import ascii_unit
+from radar_sense.units import ascii_unit, unit_name
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -100,7 +100,7 @@ def sweep(
             foresee(f"{len(values) - 1} values more", rest * RATE, less="fewer values")
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
 
-    words.add_axis(result.table, axis)
+    result.table.add(column, values, axis.meaning, unit_name(key))
     for name, numbers, meaning in (
         ("highest_p_d", p_d, "Largest P_D of all poses."),
         ("lower", lower, f"Lower bound of the largest P_D at {k:g} sigma."),

@@ -100,6 +100,7 @@ def test_values_of_any_size_keep_their_digits():
         ("aircraft.rcs.rcs_m2", "0.01", "m^2", "aircraft.rcs.rcs [m^2]"),
         ("radar.attenuation_db_per_km", "0.01", "dB/km", "radar.attenuation [dB/km]"),
         ("radar.p_fa", "1e-6", "", "radar.p fa"),
+        ("radar.position_m[2]", "1000", "m", "radar.position[2] [m]"),
     ],
 )
 def test_units_are_plain_on_the_terminal_and_in_the_figure(tool, key, value, unit, label):
@@ -110,8 +111,10 @@ def test_units_are_plain_on_the_terminal_and_in_the_figure(tool, key, value, uni
     assert f"{float(value):g} {unit}".strip() in out
     s = rs.load_scenario(CONFIG, {"geometry.range_km.step": 20})
     end = float(value)
-    figure = analyses.sweep(s, key=key, start=end, stop=end, step=1, method="linear").plot()
-    assert figure.axes[0].get_xlabel() == label
+    result = analyses.sweep(s, key=key, start=end, stop=end, step=1, method="linear")
+    assert result.plot().axes[0].get_xlabel() == label
+    column = next(iter(result.columns.values()))
+    assert column.unit == unit.replace("^2", "²").replace("us", "µs")
 
 
 def test_the_figure_has_the_band_of_the_table():
