@@ -86,11 +86,6 @@ class NetworkModel:
         names = f" ({shorten_list(self.names)})" if self.names else ""
         return f"{count} radar{'s' if count > 1 else ''}{names}"
 
-    @property
-    def limited(self) -> bool:
-        """Whether any radar has a limit to its range, or a horizon."""
-        return any(radar.limited for radar in self.radars)
-
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Return which radars (..., m) see the aircraft.
 

@@ -150,6 +150,28 @@ def test_a_tilt_is_a_source_of_the_budget(tmp_path):
     )
 
 
+def test_the_gain_is_a_term_of_the_snr(tmp_path):
+    files(tmp_path)
+    tilt, std = 1.5, 0.5
+    s = made(
+        tmp_path,
+        radar__elevation_gain="gain.csv",
+        radar__tilt_deg=tilt,
+        geometry__down_km=-8,
+        uncertainty__radar={"low": {"position_m": 5, "constant": 2, "tilt_deg": std}},
+        analysis={"level": "low"},
+    )
+    table = rs.analyses.detectors(s, p_d=0.9, method="linear").table
+    elevation = math.degrees(math.atan2(8e3, DISTANCE))
+    gain_db = 2 * cubic(elevation - tilt, GAIN)
+    assert gain_db < -1
+    assert_allclose(table["term_elevation_gain"], gain_db, rtol=1e-9)
+    up, down = (2 * cubic(elevation - tilt - e, GAIN) for e in (1e-4, -1e-4))
+    assert_allclose(table["sigma_term_elevation_gain"], abs(up - down) / 2e-4 * std, rtol=1e-5)
+    of_sphere = 10 * math.log10(AREA)  # the gain is in no other term
+    assert_allclose(table["term_aircraft_rcs"], of_sphere, atol=1e-9)
+
+
 def lowest(azimuth_deg):
     """The mask at an azimuth, in plain Python."""
     azimuth_deg %= 360.0
@@ -370,6 +392,15 @@ def test_objects_that_are_not_allowed():
             rs.ElevationGain(np.array([0.0, 0.1]), np.array(gain))
     with pytest.raises(InputError, match="axes must be a rotation"):
         rs.Mask(np.array([0.0, 1.0]), np.zeros(2), axes=np.ones((3, 3)))
+    for wrong, message in (
+        (lambda: rs.ElevationGain(np.array([0.1, 0.1]), np.zeros(2)), "elevation must ascend"),
+        (lambda: rs.ElevationGain(np.zeros(1), np.zeros(1)), "elevation and gain_db must be two"),
+        (lambda: rs.ElevationGain(np.arange(2) / 9, np.zeros(2), 2.0), r"tilt \[deg\] must be"),
+        (lambda: rs.Mask(np.array([-3.0, 3.4]), np.zeros(2)), "azimuth must be within one turn"),
+        (lambda: rs.Mask(np.array([0, 2 * np.pi]), np.arange(2) / 9), "elevation must be the same"),
+    ):
+        with pytest.raises(InputError, match=message):
+            wrong()
     with pytest.raises(InputError, match="antenna must be ElevationGain or None"):
         rs.DetectionModel(rs.ConstantRCS(1.0), P_FA, antenna="gain.csv")
     with pytest.raises(InputError, match="mask must be Mask or None"):
