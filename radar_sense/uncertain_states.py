@@ -354,8 +354,6 @@ def _with_tolerances(
     of_constants = radar[:, component(CONSTANT, len(tolerances)), np.newaxis] * slopes
     of_constants = of_constants[:, [bool(own) for own in tolerances]]
     covariance = _without(covariance, which)
-    if len(covariance) == 1 < len(radar):
-        covariance = np.repeat(covariance, len(radar), axis=0)
     covariance[:, which[:, np.newaxis], which] = of_constants @ of_constants.swapaxes(1, 2)
     return covariance
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from radar_sense.covariance import (
+    block_square_root,
     draws,
     first_wrong,
     from_std,
@@ -29,6 +30,18 @@ def test_a_square_root_gives_the_covariance_back(size):
             sqrt_cov = square_root(covariance)
             scale = np.sqrt(np.outer(np.diagonal(covariance), np.diagonal(covariance)))
             assert np.max(abs(sqrt_cov @ sqrt_cov.T - covariance) / scale) < 1e-14 * size**2
+
+
+def test_components_that_others_link_are_one_block():
+    """The first is correlated with the third, and the third with the fifth alone."""
+    covariance = np.diag([4.0, 1.0, 9.0, 16.0, 25.0, 1.0])
+    for i, j, value in ((0, 2, 3.0), (2, 4, 7.0), (1, 5, -0.5)):
+        covariance[i, j] = covariance[j, i] = value
+    sqrt_cov = block_square_root(covariance)
+    np.testing.assert_allclose(sqrt_cov @ sqrt_cov.T, covariance, atol=1e-13)
+    blocks = [{0, 2, 4}, {1, 5}, {3}]
+    for column in sqrt_cov.T:
+        assert any({*np.flatnonzero(column).tolist()} <= block for block in blocks)
 
 
 def test_independent_components_have_the_diagonal_square_root():
