@@ -122,7 +122,11 @@ def test_a_map_of_the_round_earth_is_at_one_height_above_it(tmp_path):
         assert area.p_d_in_cells(s, cells, down=-2000.0)[0][0, 0] != pytest.approx(
             p_d[0, 0], rel=1e-4
         )
-    summary = coverage_map(s, north_km=(-80, 90), east_km=(10, 60), step_km=12).summary
+    result = coverage_map(s, north_km=(-80, 90), east_km=(10, 60), step_km=12)
+    summary = result.summary
+    for axis in ("north", "east"):
+        ends = result.table[f"{axis}_m"][[0, -1]] / 1e3
+        assert summary[f"{axis}_km"] == pytest.approx(ends.tolist())
     assert summary["down_km"] == pytest.approx(-8.6, abs=1e-9)
     assert summary["attitude_deg"] == pytest.approx([1, 2, 75])
 
