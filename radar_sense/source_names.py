@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -70,15 +71,14 @@ def sources(
     several = len(bands) > 1
     constants = [f"{name}_constant" for name in names] if several else ["radar_constant"]
     parts: dict[str, Source] = {}
+    errors: defaultdict[str, frozenset[tuple[int | str, str]]] = defaultdict(frozenset)
     for i, of_constant in enumerate(tolerances):
         for t in of_constant:
             constant = type_name(t.shared) if several and t.shared else constants[i]
             source = names[i] if several and not t.shared else constant
-            errors = frozenset({t.error(i)})
-            parts[f"{constant}_{t.name}"] = Source(PART, "radar", errors=errors, part_of=source)
-
-    def errors_of(source: str) -> frozenset[tuple[int | str, str]]:
-        return frozenset().union(*(p.errors for p in parts.values() if p.part_of == source))
+            error = frozenset({t.error(i)})
+            parts[f"{constant}_{t.name}"] = Source(PART, "radar", errors=error, part_of=source)
+            errors[source] |= error
 
     found = {
         "aircraft_position": Source(SOURCE, "aircraft", _numbers(POSITION)),
@@ -88,13 +88,13 @@ def sources(
     if several:
         for name, own in zip(names, of_radars, strict=True):
             without_rcs = (*own[:RCS_ERROR], *own[RCS_ERROR + 1 :])
-            found[name] = Source(SOURCE, "radar", without_rcs, errors_of(name))
+            found[name] = Source(SOURCE, "radar", without_rcs, errors[name])
         for name in map(type_name, types):
-            found[name] = Source(SOURCE, "radar", errors=errors_of(name))
+            found[name] = Source(SOURCE, "radar", errors=errors[name])
     else:
         found["radar_position"] = Source(SOURCE, "radar", _numbers(POSITION))
         for name in constants:
-            found[name] = Source(SOURCE, "radar", (CONSTANT,), errors_of(name))
+            found[name] = Source(SOURCE, "radar", (CONSTANT,), errors[name])
     different = list(dict.fromkeys(bands))
     for band in different:
         name = AIRCRAFT_RCS if len(different) == 1 else f"{AIRCRAFT_RCS}_{band}"
@@ -104,7 +104,7 @@ def sources(
         found["aircraft"] = Source(FINER, "aircraft", _numbers(slice(0, len(AIRCRAFT))))
         for name, constant, own in zip(names, constants, of_radars, strict=True):
             found[f"{name}_position"] = Source(FINER, "radar", own[POSITION])
-            found[constant] = Source(FINER, "radar", (own[CONSTANT],), errors_of(name))
+            found[constant] = Source(FINER, "radar", (own[CONSTANT],), errors[name])
         for parameter in uncertain:
             for name, own in zip(names, of_radars, strict=True):
                 at = own[PARAMETERS[parameter]]
