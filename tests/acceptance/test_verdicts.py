@@ -215,6 +215,25 @@ def test_a_threshold_is_tested_between_waypoints(tmp_path, rcs):
     assert any("add poses between the rows with geometry.interpolate" in w for w in result.warnings)
 
 
+def test_the_scan_has_both_sides_of_each_limit(tmp_path):
+    """Straight over a blind zone of 5 km the aircraft is seen best at its edges, 1 km high."""
+    head = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
+    route = f"{head}\n0,-50e3,0,-1e3,0,0,0\n500,50e3,0,-1e3,0,0,0\n"
+    s = rs.load_scenario(
+        write_path(tmp_path, route, aircraft__rcs={"model": "constant", "rcs_m2": 1})
+    )
+    radars = tuple(dataclasses.replace(radar, min_range=5e3, max_range=40e3) for radar in s.radars)
+    s = dataclasses.replace(s, radars=radars)
+    edge = math.sqrt(5e3**2 - 1e3**2) / 200
+    places, complete = refinement.scan(s)
+    assert complete
+    for time in (250 - edge, 250 + edge):
+        assert np.min(abs(places - time)) <= 2e-6
+    p_d = s.model.p_d(refinement.along(s, places).aircraft, s.radar)
+    at_edge = s.radars[0].model.p_d([edge * 200, 0, -1e3, 0, 0, 0], s.radar[:4])
+    assert p_d.max() == pytest.approx(at_edge, rel=1e-9)
+
+
 @pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize(
     ("sweep", "azimuth_from"), [((45, 225, 90), "east"), ((225, 45, -90), "north")]
