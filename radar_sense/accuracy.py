@@ -89,8 +89,8 @@ def required_accuracies(
         method: Method of propagation.
 
     Returns:
-        The accuracy required of each source, and of each part of a radar constant.
-        The other sources are unchanged. "all" scales all sources together.
+        The accuracy required of each source, and of each part of a radar constant. The other
+        sources are unchanged. "all" scales all sources together.
     """
     goal = _Goal(scenario, limit, k, method)
     by_name = {name: goal.required((name,)) for name in sources_of(scenario, SOURCE, PART)}

@@ -242,7 +242,7 @@ def _budget(
 def sources_of(scenario: Scenario, *kinds: str) -> dict[str, Source]:
     """Return the sources of a scenario by name, of all kinds or of some.
 
-    An RCS that is certain is none.
+    A certain RCS is no source.
     """
     found = sources(
         scenario.model.names,
