@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.radar_constant import ErrorKey, Tolerance
 from radar_sense.states import (
     AIRCRAFT,
     ATTENUATION_ERROR,
@@ -38,14 +38,14 @@ class Source:
         kind: `SOURCE`, `FINER` or `PART`.
         owner: Whose state has the components, "aircraft" or "radar".
         components: Their places in the state of the aircraft (6,) or of all radars (7m,).
-        errors: The errors of tolerances, see `Tolerance.error`.
+        errors: The errors of tolerances, see `Tolerance.error_key`.
         part_of: Name of the source below which a budget has a finer one or a part.
     """
 
     kind: str
     owner: str
     components: tuple[int, ...] = ()
-    errors: frozenset[tuple[int | str, str]] = frozenset()
+    errors: frozenset[ErrorKey] = frozenset()
     part_of: str = ""
 
 
@@ -71,12 +71,12 @@ def sources(
     several = len(bands) > 1
     constants = [f"{name}_constant" for name in names] if several else ["radar_constant"]
     parts: dict[str, Source] = {}
-    errors: defaultdict[str, frozenset[tuple[int | str, str]]] = defaultdict(frozenset)
+    errors: defaultdict[str, frozenset[ErrorKey]] = defaultdict(frozenset)
     for i, of_constant in enumerate(tolerances):
         for t in of_constant:
             constant = type_name(t.shared) if several and t.shared else constants[i]
             source = names[i] if several and not t.shared else constant
-            error = frozenset({t.error(i)})
+            error = frozenset({t.error_key(i)})
             parts[f"{constant}_{t.name}"] = Source(PART, "radar", errors=error, part_of=source)
             errors[source] |= error
 

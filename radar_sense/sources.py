@@ -303,7 +303,7 @@ def scaled(
     errors = frozenset().union(*(source.errors for source in chosen))
     tolerances = []
     for i, own in enumerate(scenario.tolerances):
-        each = ((t, factor if t.error(i) in errors else others) for t in own)
+        each = ((t, factor if t.error_key(i) in errors else others) for t in own)
         tolerances.append([dataclasses.replace(t, std=by * t.std) for t, by in each if by])
     return scenario.states().with_covariances(
         covariances["aircraft"], covariances["radar"], tolerances
@@ -339,7 +339,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         )
     first, tolerances = len(AIRCRAFT), len(AIRCRAFT) + len(states.columns)
     numbers = {
-        t.error(i): tolerances + number
+        t.error_key(i): tolerances + number
         for i, own in enumerate(scenario.tolerances)
         for t, number in zip(own, states.tolerance_normals[i], strict=True)
     }

@@ -32,7 +32,7 @@ from radar_sense.covariance import (
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar import ALWAYS, NEVER
-from radar_sense.model.radar_constant import Tolerance, factors
+from radar_sense.model.radar_constant import ErrorKey, Tolerance, factors
 from radar_sense.states import (
     AIRCRAFT,
     CONSTANT,
@@ -332,9 +332,9 @@ def in_sight(model: NetworkModel, sight: NDArray[np.int8]) -> tuple[list[int], N
 
 def _numbered(tolerances: Sequence[Sequence[Tolerance]]) -> list[list[int]]:
     """Return the number of the error of each tolerance; one number for what radars share."""
-    numbers: dict[tuple[int | str, str], int] = {}
+    numbers: dict[ErrorKey, int] = {}
     return [
-        [numbers.setdefault(t.error(i), len(numbers)) for t in own]
+        [numbers.setdefault(t.error_key(i), len(numbers)) for t in own]
         for i, own in enumerate(tolerances)
     ]
 

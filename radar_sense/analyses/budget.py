@@ -214,7 +214,7 @@ def _draw(figure: Figure, result: Result, found: Budget) -> None:
 
 
 def _in_words(c: Contribution, radars: Collection[str]) -> str:
-    """Return the name of a source in words, of a part that of its parameter with the unit."""
+    """Return a source in words. A part is its parameter with the unit, and whose it is."""
     from radar_sense.plotting import key_in_words
 
     source = c.part_of or c.name

@@ -100,6 +100,7 @@ def sweep(
             foresee(f"{len(values) - 1} values more", rest * RATE, less="fewer values")
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
 
+    # the column of an entry of a list ends with the number of the entry, and not with the unit
     result.table.add(column, values, axis.meaning, unit_name(key))
     for name, numbers, meaning in (
         ("highest_p_d", p_d, "Largest P_D of all poses."),

@@ -11,6 +11,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 from scipy.special import ndtr
@@ -23,6 +24,8 @@ from radar_sense.states import FloatArray
 #: million would be lower.
 MAX_DIVISOR_STD, LOWEST_DIVISOR = 1.0 / 6.0, -5.0
 _LOSS = f"{LOSSES_KEY}."  # begins the key of a loss by name
+#: What identifies the error of a tolerance: the number of a radar, or a type, and the parameter.
+ErrorKey: TypeAlias = tuple[int | str, str]
 
 
 @dataclass(frozen=True)
@@ -61,8 +64,8 @@ class Tolerance:
         """Contribution to σ of c_r over c_r: ∂ ln c_r/∂x of value + std · x at x = 0."""
         return self.power * self.std * (NEPERS if self.decibels else 1.0 / self.value)
 
-    def error(self, radar: int) -> tuple[int | str, str]:
-        """Return what identifies the error: the number of its radar, or the type, and the key."""
+    def error_key(self, radar: int) -> ErrorKey:
+        """Return the key of the error of a radar with this number; radars of a type share it."""
         return self.shared or radar, self.key
 
     def factor(self, normals: FloatArray) -> FloatArray:

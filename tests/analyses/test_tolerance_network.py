@@ -184,7 +184,7 @@ def test_names_that_a_part_may_have_are_refused(tool, names):
 
 
 def test_the_name_of_a_radar_changes_no_number():
-    """Its name may begin as that of a source of the aircraft does."""
+    """A radar may be named like the RCS, which is another source of the budget."""
     content = mixed_document()
     renamed = {**content, "radars": [dict(entry) for entry in content["radars"]]}
     renamed["radars"][1]["name"] = "aircraft_rcs_2"

@@ -192,10 +192,10 @@ def test_no_signal_anywhere_is_the_floor(detector):
 def test_p_d_is_surely_above_a_limit_below_the_floor():
     scenario = paper_network([(0, 0, 0)] * 2, [80, 80], poses=slice(0, 1))
     p_fa = scenario.model.models[0].p_fa
-    floor = 1 - (1 - p_fa) ** 2
+    false_alarm = 1 - (1 - p_fa) ** 2  # the floor of North's approximation is above it
     cov_radar = np.diag([0, 0, 0, 80.0**2] * 2)  # a constant of 0 has no signal
     scenario = with_arrays(scenario, cov_radar={"medium": cov_radar})
-    assert distribution(scenario, "form").exceedance(0.99 * floor)[0] == 1
+    assert distribution(scenario, "form").exceedance(0.99 * false_alarm)[0] == 1
 
 
 # Constants whose logarithm is Gaussian.
