@@ -9,7 +9,7 @@ from scipy.constants import speed_of_light
 from scipy.special import ndtr
 
 from radar_sense.acceptance.frames import attitude_off, turned_wrongly
-from radar_sense.acceptance.refinement import along, coarse_steps, scan
+from radar_sense.acceptance.refinement import along, coarse_steps, places
 from radar_sense.flight import Path
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, elevation_of, radar_from_aircraft, slant_range
@@ -182,7 +182,7 @@ def _antenna(scenario: Scenario) -> Iterator[str]:
 def _spacing(scenario: Scenario) -> Iterator[str]:
     if not scenario.geometry.continuous or scenario.time_s is None:
         return
-    coarse = coarse_steps(scenario)
+    coarse = coarse_steps(scenario, lobes=False)
     if coarse.any():
         longest = float(np.diff(scenario.time_s)[coarse].max())
         yield warning(
@@ -214,10 +214,7 @@ def _origin(scenario: Scenario) -> Iterator[str]:
     """
     if not turned_wrongly(scenario).any():
         return
-    flight = scenario
-    if scenario.geometry.continuous:
-        peaks, _ = scan(scenario)
-        flight = along(scenario, np.union1d(scenario.geometry.coordinate, peaks))
+    flight = along(scenario, places(scenario)) if scenario.geometry.continuous else scenario
     off = attitude_off(flight)
     yield from placed(
         "origin-far",

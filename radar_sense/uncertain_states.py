@@ -22,13 +22,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.covariance import (
-    block_square_root,
-    checked,
-    draws,
-    largest_variance,
-    square_root,
-)
+from radar_sense.covariance import block_square_root, checked, draws, largest_variance, square_root
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar import ALWAYS, NEVER

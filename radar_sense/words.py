@@ -506,9 +506,11 @@ def _of_std(
     )
 
 
-def method_warnings(scenario: Scenario, moments: Moments, method: str) -> Iterator[str]:
-    """Yield all warnings of moments by a method."""
-    yield from validity_warnings(scenario, moments, method)
+def method_warnings(
+    scenario: Scenario, moments: Moments, method: str, k: float = 3.0
+) -> Iterator[str]:
+    """Yield all warnings of moments by a method, with bounds at kσ."""
+    yield from validity_warnings(scenario, moments, method, k=k)
     yield from table_warnings(scenario)
 
 

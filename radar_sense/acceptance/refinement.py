@@ -8,8 +8,9 @@ states between rows.
 Between two azimuths of an orbit the position is on the circle, and between two ranges of a radial
 on the line. The attitude is constant.
 
-P_D of the nominal states is computed at steps that no lobe fits between, and where a radar is
-closest or comes into sight. All of these are poses of the test if P_D is greatest there.
+No lobe of an RCS, node of a table, gain or mask fits between two poses of the test, and those where
+a radar is closest or a limit is nearest or crossed are among them. This does not depend on P_D of
+the nominal states: errors may reach a lobe, a gap or a limit that the nominal states do not.
 """
 
 from __future__ import annotations
@@ -29,17 +30,15 @@ from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
 from radar_sense.states import POSITION, FloatArray
 
-#: Largest turn of the aspect [rad] between two poses. In a scan of P_D of the nominal states the
-#: largest turn is also half the width of a lobe of the RCS, or of a cell of its table.
+#: Largest turn between two poses [rad], of the aspect and of the direction from a radar. It is also
+#: HALF of a lobe of the RCS, or of the distance of two nodes of a table, gain or mask.
 LARGEST_TURN, HALF = np.deg2rad(5.0), 0.5
 #: Largest distance between two poses, as a part of the range of each radar.
 LARGEST_MOVE = 0.1
-#: Shortest step of a scan, as a part of `Geometry.shortest`.
-SCANNED = 1e-3
-#: Most poses of a scan, and of a refined path.
-MAX_SCAN, MAX_POSES = 2_000_000, 20_000
-#: Most maxima of P_D of a scan that become poses, the greatest.
-MAX_PEAKS = 500
+#: Shortest step that lobes divide, as a part of `Geometry.shortest`.
+LEAST_STEP = 1e-3
+#: Most poses of a refined path.
+MAX_POSES = 20_000
 #: P_D and its bound may differ from straight lines between poses by the smaller of
 #: RELATIVE_TOLERANCE · limit and TOLERANCE.
 RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
@@ -112,10 +111,9 @@ def refined(
 ) -> Refined:
     """Return a scenario with poses added until P_D and its upper bound are linear between poses.
 
-    Poses are added at the greatest P_D of a scan, see `scan`, and steps are halved by geometry. In
-    one step the aspect of each radar may turn by a few degrees. The aircraft may move by a tenth of
-    the range. Then steps are halved until P_D and its bound are within the tolerance of straight
-    lines. Second differences estimate the distance. Two standard errors of a bound are no bend.
+    Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
+    tolerance of straight lines. Second differences estimate the distance. Two standard errors of a
+    bound are no bend.
 
     Args:
         scenario: The scenario of a flight.
@@ -123,15 +121,12 @@ def refined(
         propagate: Returns the band of a scenario.
         tolerance: Largest distance of P_D and its bound from straight lines.
     """
-    place = scenario.geometry.coordinate
-    shortest, n = scenario.geometry.shortest, len(place)
-    peaks, scanned = scan(scenario)
-    place = np.union1d(place, peaks)
-    if scenario.time_s is None and scenario.axis.values[0] > scenario.axis.values[-1]:
+    given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
+    place, n = places(scenario), len(given)
+    if given[0] > given[-1]:
         place = place[::-1]
     row = np.full(len(place), -1)  # number of the row, or −1
-    row[np.isin(place, scenario.geometry.coordinate)] = np.arange(n)
-    place, row = _divided(_nominal(scenario), place, row, LARGEST_TURN, shortest, MAX_POSES)
+    row[np.isin(place, given)] = np.arange(n)
     if len(place) > n:
         values = propagate(along(scenario, place[row < 0]))
         band = _merged(band, values, row)
@@ -142,14 +137,15 @@ def refined(
         bends &= abs(np.diff(place)) > shortest
         if not bends.any():
             break
-        place, new = _halved(place, np.arange(len(place)), bends)
-        row = np.where(new < 0, -1, row[new])
+        after = np.flatnonzero(bends) + 1
+        new = np.insert(np.arange(len(place)), after, -1)
+        place, row = _halved(place, bends), np.insert(row, after, -1)
         band = _merged(band, propagate(along(scenario, place[new < 0])), new)
     return Refined(
         _with_rows(scenario, place, row) if len(place) > n else scenario,
         band,
         np.flatnonzero(row >= 0),
-        scanned and len(place) < MAX_POSES,
+        len(place) < MAX_POSES,
         tolerance,
     )
 
@@ -159,20 +155,27 @@ def along(scenario: Scenario, place: FloatArray) -> Scenario:
     return scenario.along(scenario.geometry.at(place))
 
 
-def coarse_steps(path: Scenario, largest: float = LARGEST_TURN) -> NDArray[np.bool_]:
+def coarse_steps(path: Scenario, *, lobes: bool = True) -> NDArray[np.bool_]:
     """Return the steps (n − 1,) in which the aspect or the range of a radar changes much.
 
     Where the gain or a mask depends on the direction from the radar, it may not turn more.
+
+    Args:
+        path: The poses.
+        lobes: Whether a step may be no longer than `HALF` of the finest detail of a radar.
     """
     coarse = np.zeros(len(path.aircraft) - 1, dtype=bool)
     for single, radar in zip(path.radars, path.radar_states, strict=True):
-        model = single.model
+        model, by_direction = single.model, (single.model.antenna, single.mask)
+        details = [of.detail for of in (model.rcs, *by_direction) if of is not None and lobes]
+        largest = min([LARGEST_TURN, *(HALF * detail for detail in details)])
         line = path.aircraft[:, POSITION] - radar[POSITION]
         distance = np.linalg.norm(line, axis=1)
         moved = np.linalg.norm(np.diff(line, axis=0), axis=1)
-        coarse |= moved > LARGEST_MOVE * np.minimum(distance[1:], distance[:-1])
-        if model.antenna is not None or single.mask is not None:
-            coarse |= moved > largest * np.minimum(distance[1:], distance[:-1])
+        nearer = np.minimum(distance[1:], distance[:-1])
+        coarse |= moved > LARGEST_MOVE * nearer
+        if by_direction != (None, None):
+            coarse |= moved > largest * nearer
         if model.rcs.isotropic:
             continue
         x, y, z = body_vector(path.aircraft, radar).T
@@ -184,60 +187,34 @@ def coarse_steps(path: Scenario, largest: float = LARGEST_TURN) -> NDArray[np.bo
     return coarse
 
 
-def scan(scenario: Scenario) -> tuple[FloatArray, bool]:
-    """Return the places at which P_D of the nominal states is greatest, and whether all are found.
+def places(scenario: Scenario) -> FloatArray:
+    """Return coordinates (k,) of a flight, ascending, between which no lobe, gap or limit fits.
 
-    In a step of the scan the aspect of each radar turns by half a lobe of the RCS at most, and the
-    direction from a radar by half the distance of two nodes of its gain or mask. The scan
-    has the closest point to each radar, and both sides of each crossing of a limit.
+    These are the rows, the middles of coarse steps, the closest point to each radar, the point
+    nearest to its limits, and both sides of each crossing of a limit. There are `MAX_POSES` or more
+    if so many are not enough.
     """
-    scenario = _nominal(scenario)
-    place = scenario.geometry.coordinate
-    if place[0] > place[-1]:
-        place = place[::-1]
-    shortest = SCANNED * scenario.geometry.shortest
-    by_direction = [of for r in scenario.radars for of in (r.model.rcs, r.model.antenna, r.mask)]
-    largest = min(LARGEST_TURN, *(HALF * of.detail for of in by_direction if of is not None))
-    place, _ = _divided(
-        scenario, place, np.zeros(len(place), dtype=int), largest, shortest, MAX_SCAN
-    )
-    complete = len(place) < MAX_SCAN
-    turning = [place]
-    for i in range(len(scenario.model.radars)):
-        closest = _maxima(scenario, place, lambda s, i=i: -_distance(s, i))  # type: ignore[misc]
-        turning.append(closest)
-        if scenario.model.radars[i].limited:
+    nominal = _nominal(scenario)
+    place, shortest = np.sort(nominal.geometry.coordinate), LEAST_STEP * nominal.geometry.shortest
+    while len(place) < MAX_POSES:
+        coarse = coarse_steps(along(nominal, place)) & (np.diff(place) > shortest)
+        if not coarse.any():
+            break
+        place = _halved(place, coarse)
+    found = [place]
+    for i, radar in enumerate(nominal.radars):
+        closest = _maxima(nominal, place, lambda s, i=i: -_distance(s, i))  # type: ignore[misc]
+        found.append(closest)
+        if radar.limited:
             edges = np.union1d(place, closest)
-            inmost = _maxima(scenario, edges, lambda s, i=i: _margin(s, i))  # type: ignore[misc]
-            turning += [inmost, _crossings(scenario, np.union1d(edges, inmost), i)]
-    place = np.unique(np.concatenate(turning))
-    poses = along(scenario, place)
-    p_d = poses.model.p_d(poses.aircraft, poses.radar)
-    padded = np.pad(p_d, 1, constant_values=-np.inf)
-    peaks = np.flatnonzero((p_d >= padded[:-2]) & (p_d >= padded[2:]) & (p_d > p_d.min()))
-    return np.sort(place[peaks[np.argsort(-p_d[peaks])][:MAX_PEAKS]]), complete
+            inmost = _maxima(nominal, edges, lambda s, i=i: _margin(s, i))  # type: ignore[misc]
+            found += [inmost, _crossings(nominal, np.union1d(edges, inmost), i)]
+    return np.unique(np.concatenate(found))
 
 
 def _nominal(scenario: Scenario) -> Scenario:
     """Return the scenario without covariances, which its nominal states do not need."""
     return scenario.along(dataclasses.replace(scenario.geometry, covariance=CERTAIN))
-
-
-def _divided(
-    scenario: Scenario,
-    place: FloatArray,
-    row: NDArray[np.intp],
-    largest: float,
-    shortest: float,
-    most: int,
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return places and rows with coarse steps halved until none is left, or for too many."""
-    while len(place) < most:
-        coarse = coarse_steps(along(scenario, place), largest) & (abs(np.diff(place)) > shortest)
-        if not coarse.any():
-            break
-        place, row = _halved(place, row, coarse)
-    return place, row
 
 
 def _radar(scenario: Scenario, number: int) -> tuple[Radar, FloatArray]:
@@ -307,13 +284,14 @@ def _in_any_order(
 
 
 def _bend(place: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the distance (n − 1,) of values from straight lines between poses; 0 if unknown.
+    """Return the distance (n − 1,) of values from straight lines between poses.
 
-    The distance is h²/8 times the second derivative, the greater derivative of the two ends.
+    The distance is h²/8 times the second derivative, the greater derivative of the two ends. It is
+    0 beside a pose without a value, and infinite between the only two poses.
     """
     step = np.diff(place)
     if len(step) < 2:
-        return np.zeros(len(step))
+        return np.full(len(step), np.inf)
     slope = np.diff(values) / step
     second = np.abs(2.0 * np.diff(slope) / (place[2:] - place[:-2]))
     greater = np.fmax(np.append(second, second[-1]), np.insert(second, 0, second[0]))
@@ -321,13 +299,10 @@ def _bend(place: FloatArray, values: FloatArray) -> FloatArray:
     return bend
 
 
-def _halved(
-    place: FloatArray, row: NDArray[np.intp], steps: NDArray[np.bool_]
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return places and rows, with a place in the middle of some steps added as row −1."""
+def _halved(place: FloatArray, steps: NDArray[np.bool_]) -> FloatArray:
+    """Return places with the middle of some steps added."""
     after = np.flatnonzero(steps) + 1
-    middle = 0.5 * (place[after - 1] + place[after])
-    return np.insert(place, after, middle), np.insert(row, after, -1)
+    return np.insert(place, after, 0.5 * (place[after - 1] + place[after]))
 
 
 def _merged(old: Band, new: Band, row: NDArray[np.intp]) -> Band:

@@ -31,14 +31,7 @@ from radar_sense.plausibility import below_ground
 from radar_sense.propagation import AUTOMATIC, no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
-from radar_sense.words import (
-    add_axis,
-    gathered,
-    level_and_method,
-    listed,
-    placed,
-    places,
-)
+from radar_sense.words import add_axis, gathered, level_and_method, listed, placed, places
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure

@@ -11,14 +11,7 @@ import numpy as np
 
 from radar_sense import words
 from radar_sense.acceptance.threshold import PathTest, path_test
-from radar_sense.analyses.verdict import (
-    PROBABILITY,
-    THRESHOLD,
-    K,
-    condition,
-    sigmas,
-    worst_band,
-)
+from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, sigmas, worst_band
 from radar_sense.axis import Axis, steps
 from radar_sense.command import LEVEL, METHOD, Option, Result, command
 from radar_sense.cost import RATE, foresee
@@ -92,7 +85,7 @@ def sweep(
         highest.append((*ends, np.max(moments.upper), 3.0 * np.max(moments.std)))
         if threshold is not None:
             tests.append(path_test(one, method, threshold, k, moments))
-        for text in words.method_warnings(one, moments, method):
+        for text in words.method_warnings(one, moments, method, k):
             found.append((axis.format(value), text))
         if len(highest) == 1:
             # The first value tells: how many poses and draws a test takes is not known before.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -14,13 +15,7 @@ from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
 from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.propagation import (
-    AUTOMATIC,
-    Band,
-    Moments,
-    band_of_scenario,
-    propagate_scenario,
-)
+from radar_sense.propagation import AUTOMATIC, Band, Moments, band_of_scenario, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import POSITION
 
@@ -61,9 +56,10 @@ def variance(
     axis, method, k = scenario.axis, scenario.method, sigmas(threshold, k, probability) or 3.0
     result = Result(scenario, method)
     moments = propagate_scenario(scenario, method=method, p_max=threshold if k == 3 else None)
-    band: Band = moments
+    band = moments
     if k != 3:
-        band = band_of_scenario(scenario, method=method, beta=k, p_max=threshold)
+        at_k = band_of_scenario(scenario, method=method, beta=k, p_max=threshold)
+        band = replace(moments, **vars(at_k))
     by_radar = {
         name: (radar, propagate_scenario(radar, method=method))
         for name, radar in single_radar_scenarios(scenario).items()
@@ -88,7 +84,7 @@ def variance(
     ]
     alone = {name: (radar, m.mean, m.std) for name, (radar, m) in by_radar.items()}
     words.add_radars(result, {scenario.level: alone})
-    result.warnings += words.method_warnings(scenario, moments, method)
+    result.warnings += words.method_warnings(scenario, band, method, k)
     result.warnings += words.gathered(
         (f"{name} alone", text)
         for name, (radar, of_radar) in by_radar.items()
@@ -96,7 +92,7 @@ def variance(
     )
     if threshold is not None:
         require_threshold(result, threshold, k, band, probability)
-    elif k == 3 or method == AUTOMATIC:  # a named method is checked at 3 sigma
+    else:
         result.report += _trust(result, band)
     _add_places(result.table, scenario)
     errors = {"": moments.error, **{name: m.error for name, (_, m) in by_radar.items()}}

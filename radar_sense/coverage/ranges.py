@@ -18,11 +18,7 @@ from radar_sense.coverage.rays import (
     first_guess,
     reach_of_bound,
 )
-from radar_sense.propagation import (
-    AUTOMATIC,
-    propagate_scenario,
-    unreliable_in_scenario,
-)
+from radar_sense.propagation import AUTOMATIC, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.draws import estimate
 from radar_sense.sources import error_budget

@@ -11,11 +11,7 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
-from radar_sense.model.track import (
-    attitude_of_motion,
-    covariance_in_frame,
-    turn_to_origin,
-)
+from radar_sense.model.track import attitude_of_motion, covariance_in_frame, turn_to_origin
 from radar_sense.states import POSITION, FloatArray, slices
 
 #: Most poses of a route.

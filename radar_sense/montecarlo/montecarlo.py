@@ -22,11 +22,7 @@ from radar_sense.limits import SIGMAS, WORKERS, check_number
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS, Random, Sobol, check_sampler
-from radar_sense.montecarlo.statistics import (
-    DrawStatistics,
-    Statistics,
-    binomial_interval,
-)
+from radar_sense.montecarlo.statistics import DrawStatistics, Statistics, binomial_interval
 from radar_sense.progress import report
 from radar_sense.propagation import Moments, propagate_scenario
 from radar_sense.scenario import Scenario, check_scenario

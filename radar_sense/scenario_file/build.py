@@ -20,12 +20,7 @@ from radar_sense.model.trajectory import MAX_ROWS, resample
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.build_radar import radars_of
-from radar_sense.scenario_file.conversion import (
-    KM,
-    covariance_of,
-    on_earth,
-    read_named,
-)
+from radar_sense.scenario_file.conversion import KM, covariance_of, on_earth, read_named
 from radar_sense.scenario_file.declare import read_word
 from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.rcs_file import read_rcs_table

@@ -77,6 +77,18 @@ def test_correlated_sources_are_warned_of():
 
 
 @pytest.mark.all_draws
+@pytest.mark.parametrize("command", ["variance", "sweep"])
+def test_the_band_that_is_printed_is_the_one_judged(command):
+    """At 0 deg the linear band is right at 2 sigma. At 6 sigma it is off by far more than 0.005."""
+    s = load_scenario().with_keys({"geometry.azimuth_deg": "{start: 0, stop: 0, step: 1}"})
+    swept = {"key": "radar.constant", "start": 167, "stop": 167, "step": 1}
+    run, options = getattr(analyses, command), swept if command == "sweep" else {}
+    assert run(s, k=2.0, **options).warnings == ()
+    (warning,) = run(s, k=6.0, **options).warnings
+    assert "the linear band is off at" in warning
+
+
+@pytest.mark.all_draws
 def test_a_band_that_is_off_is_warned_of_once():
     s = load_scenario().at_poses(slice(None, None, 5))
     assert analyses.variance(s.with_analysis(level="low")).warnings == ()

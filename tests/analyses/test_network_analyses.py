@@ -2,14 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import (
-    cov_by_level,
-    paper_network,
-    parsed_network,
-    radar_entry,
-    stds_of,
-    with_arrays,
-)
+from helpers import cov_by_level, paper_network, parsed_network, radar_entry, stds_of, with_arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses

@@ -2,14 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import (
-    SOURCES,
-    TOLERANCES,
-    part_name,
-    shares_of,
-    sheet_scenario,
-    stds_of,
-)
+from helpers import SOURCES, TOLERANCES, part_name, shares_of, sheet_scenario, stds_of
 
 from radar_sense import analyses
 from radar_sense.propagation import propagate_scenario

@@ -11,14 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import chndtr
 
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detectors import (
-    DETECTORS,
-    Marcum,
-    North,
-    Swerling1,
-    Swerling3,
-    linearize,
-)
+from radar_sense.model.detectors import DETECTORS, Marcum, North, Swerling1, Swerling3, linearize
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.montecarlo import TAIL, monte_carlo
 from radar_sense.propagation import propagate, unreliable

@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    TRACKING,
-    assert_same_scenario,
-    document,
-    place,
-    refusal,
-)
+from helpers import TRACKING, assert_same_scenario, document, place, refusal
 from numpy.testing import assert_allclose, assert_array_equal
 
 import radar_sense as rs

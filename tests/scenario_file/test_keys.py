@@ -16,14 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    assert_refused,
-    assert_same_scenario,
-    cov_by_level,
-    place,
-    refusal,
-    write,
-)
+from helpers import assert_refused, assert_same_scenario, cov_by_level, place, refusal, write
 
 import radar_sense as rs
 from radar_sense.propagation import METHODS

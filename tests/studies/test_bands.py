@@ -132,9 +132,7 @@ def test_a_limit_that_is_entered_and_left_between_two_rows_is_found(number):
     """The rows are on both sides of the greatest margin, and nothing else divides the step."""
     path = paths.grazing(2027, number)
     scenario = package.scenario(path.problem, aircraft=path.aircraft, time_s=path.time_s)
-    place, complete = refinement.scan(scenario)
-    poses = refinement.along(scenario, place)
-    assert complete
+    poses = refinement.along(scenario, refinement.places(scenario))
     assert poses.model.p_d(poses.aircraft, poses.radar).max() > path.threshold
 
 

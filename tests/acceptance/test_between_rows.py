@@ -1,0 +1,110 @@
+"""Between two rows, errors may reach a limit, a lobe or a gap that the nominal states do not.
+
+P(P_D > 0.1) at the worst place is a closed form. The tests of before looked for maxima of P_D of
+the nominal states, and said "holds" in each of these cases.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import document, dump_yaml
+from scipy.special import ndtr
+
+import radar_sense as rs
+from radar_sense import analyses
+
+BOLTZMANN = 1.380649e-23
+LIMIT = 0.1
+PAST = "0,-60000,80000,-3000\n600,60000,80000,-3000\n"
+
+
+def flown(folder, rows, radar, rcs, aircraft):
+    """Return the threshold test of a straight flight past one radar, or several."""
+    (folder / "route.csv").write_text("time_s,north_m,east_m,down_m\n" + rows)
+    content = document(
+        geometry={"type": "path", "file": "route.csv"},
+        aircraft__rcs=rcs,
+        uncertainty__aircraft=aircraft,
+        analysis={"level": "medium"},
+    )
+    del content["aircraft"]["attitude_deg"], content["radar"], content["uncertainty"]["radar"]
+    content["radars"] = [
+        {"p_fa": 1e-6, "detector": "swerling1", "name": f"r{i}", **one}
+        for i, one in enumerate(radar)
+    ]
+    (folder / "flight.yaml").write_text(dump_yaml(content))
+    return analyses.variance(rs.load_scenario(folder / "flight.yaml"), threshold=LIMIT)
+
+
+def radar(constant, **keys):
+    known = {"medium": {"position_m": 1, "constant": 0.005 * constant}}
+    return {"position_m": [0, 0, 0], "constant": constant, "uncertainty": known, **keys}
+
+
+def check(result, probability, time, rel=0.0, near=3.0):
+    found = result.summary["threshold"]
+    assert found["verdict"] == "violated"
+    highest = found["highest_probability_above"]
+    error = 4.0 * highest["standard_error"] + rel * probability
+    assert highest["value"] == pytest.approx(probability, abs=error)
+    assert highest["time_s"] == pytest.approx(time, abs=near)
+
+
+@pytest.mark.parametrize("rows", ["0,-110000,100020,0\n1100,30000,100020,0\n", "short"])
+def test_a_ring_that_is_grazed_by_two_sigma(tmp_path, rows):
+    """The ring ends 20 m beside the route; another radar has the greatest P_D elsewhere."""
+    time = 110e3 / 140e3 * 1100
+    if rows == "short":
+        rows, time = "0,-4000,100020,0\n60,4000,100020,0\n", 30.0
+    radars = [
+        radar(2000, max_range_km=100),
+        radar(0.08, position_m=[120e3, 300e3, 0]),
+    ]
+    sphere = {"model": "constant", "rcs_m2": 1}
+    result = flown(tmp_path, rows, radars, sphere, {"position_m": 10, "attitude_deg": 1})
+    check(result, ndtr(-20 / math.hypot(10, 1)), time)
+
+
+def test_an_rcs_that_is_badly_known_at_one_aspect(tmp_path):
+    azimuth = np.arange(-180, 180, 0.5)
+    std = np.where(abs(azimuth + 63.0) < 1.1, 12.0, 0.1)  # on the left, where the radar is
+    rows = [f"{a},-10,{s}" for a, s in zip(azimuth, std, strict=True)]
+    (tmp_path / "rcs.csv").write_text("azimuth_deg,rcs_dbsm,std_db\n" + "\n".join(rows))
+    table = {"model": "table", "file": "rcs.csv"}
+    errors = {"position_m": 10, "attitude_deg": 0.05}
+    result = flown(tmp_path, PAST, [radar(0.02)], table, errors)
+    # abeam at 300 s, and at 63 deg from the nose before
+    north = -80e3 / math.tan(math.radians(63))
+    snr = 0.02 * 0.1 / (BOLTZMANN * math.hypot(north, 80e3, 3e3) ** 4)
+    needed = math.log(1e-6) / math.log(LIMIT) - 1
+    probability = ndtr(-10 * math.log10(needed / snr) / 12)
+    # the spline exceeds 12 dB between the nodes
+    check(result, probability, 300 + north / 200, rel=0.15, near=10.0)
+
+
+def test_a_lobe_that_only_a_roll_turns_to_the_radar(tmp_path):
+    rows = [
+        f"{a},{e},{20 if e == -12 and abs(a + 61) < 0.8 else -10}"
+        for e in (-40, -30, -20, -15, -12, -9, -6, -3, 0, 3, 6, 9, 12, 20, 30, 40)
+        for a in np.arange(-180, 180, 0.5)
+    ]
+    (tmp_path / "rcs.csv").write_text("azimuth_deg,elevation_deg,rcs_dbsm\n" + "\n".join(rows))
+    errors = {"position_m": 10, "attitude_deg": [4, 0.05, 0.05]}
+    table = {"model": "table", "file": "rcs.csv"}
+    found = flown(tmp_path, PAST, [radar(0.02)], table, errors).summary["threshold"]
+    assert found["verdict"] == "violated"
+    assert found["highest_probability_above"]["value"] > 0.01
+    assert found["highest_probability_above"]["time_s"] == pytest.approx(80, abs=10)
+
+
+def test_a_gap_of_a_mask_that_is_open_one_sigma_higher(tmp_path):
+    steps = ((-180, 5), (70.4, 5), (70.5, 2.3), (71.5, 2.3), (71.6, 5), (180, 5))
+    mask = "".join(f"{a},{e}\n" for a, e in steps)
+    (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n" + mask)
+    sphere = {"model": "constant", "rcs_m2": 1}
+    errors = {"position_m": [1, 1, 400], "attitude_deg": 1}
+    result = flown(tmp_path, PAST, [radar(20, mask="mask.csv")], sphere, errors)
+    north = 80e3 / math.tan(math.radians(71.5))  # the nearest end of the gap
+    lowest = math.hypot(north, 80e3) * math.tan(math.radians(2.3))
+    check(result, ndtr((3e3 - lowest) / 400), 300 + north / 200)
