@@ -242,7 +242,7 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
         first += f"every {axis.name}"
     else:
         first += f"{axis.at(least)} to {at.slant[greatest] / 1e3:.4g} km at {axis.at(greatest)}"
-    width = np.where(np.isnan(at.std), np.nan, at.upper - at.lower)
+    width = at.upper - at.lower
     if not np.isfinite(width).any():
         return [first]
     widest = int(np.argmax(reached(width)))

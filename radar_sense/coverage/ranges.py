@@ -18,6 +18,7 @@ from radar_sense.coverage.rays import (
     first_guess,
     reach_of_bound,
 )
+from radar_sense.model.radar import ALWAYS
 from radar_sense.propagation import AUTOMATIC, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.draws import estimate
@@ -46,7 +47,8 @@ class RangeAt:
         p_d: P_D.
         reach: Distance along each ray.
         slant: Slant range; 0 where P_D is nowhere as high.
-        std: Standard deviation; NaN where a limit of the radar comes first or there is no range.
+        std: Standard deviation; NaN where a limit of the radar comes first or cuts the band off,
+            or there is no range.
         lower: Lower bound at Φ(−k).
         upper: Upper bound at Φ(k).
         by_source: Standard deviation from each source alone, to first order.
@@ -108,6 +110,7 @@ def detection_ranges(seen: Survey, values: list[float], method: str, k: float) -
             smooth = "form" if method == AUTOMATIC else method
             band = bounds_of_reach(seen, value, smooth, k)
             middle = bounds_of_reach(seen, value, smooth, NODE)
+            smooth_ends = np.array([*band, *middle])
             unreliable = _unreliable(around, band, smooth, k)
             unknown = unreliable | np.isnan([*band, *middle]).any(axis=0)
             if method == AUTOMATIC and unknown.any():
@@ -120,6 +123,9 @@ def detection_ranges(seen: Survey, values: list[float], method: str, k: float) -
             lower, upper = (_slant(around, end) for end in band)
             first, last = (_slant(around, end) for end in middle)
             std = _std_of_quantiles(first, slant, last)
+            # three nodes do not follow a limit that moves an end
+            moved = abs(np.array([*band, *middle]) - smooth_ends) > 2.0 * PRECISION * smooth_ends
+            std[moved.any(axis=0) & _limit_in_reach(around, band[0])] = np.nan
         std = np.where(defined, std, np.nan)
         ranges.append(RangeAt(value, reach, slant, std, lower, upper, by_source, unreliable))
     return ranges
@@ -144,20 +150,26 @@ def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) 
 
 
 def _unreliable(around: Rays, band: list[FloatArray], method: str, k: float) -> NDArray[np.bool_]:
-    """Return where (n,) the method is unreliable at one end of the band."""
+    """Return where (n,) the method is unreliable at one end of the band, with limits in reach."""
     unreliable = np.zeros(len(around.bearing), dtype=bool)
     for end in band:
         exists = np.nan_to_num(end) > 0
-        at = around.at(np.where(exists, end, FARTHEST))
+        at = around.limited_at(np.where(exists, end, FARTHEST))
         moments = propagate_scenario(at, method=method, beta=k)
         unreliable |= exists & unreliable_in_scenario(at, moments, method=method, beta=k)
     return unreliable
 
 
+def _limit_in_reach(around: Rays, distance: FloatArray) -> NDArray[np.bool_]:
+    """Return where (n,) errors may take the aircraft at some distances (n,) beyond a limit."""
+    at = around.limited_at(np.where(np.nan_to_num(distance) > 0, distance, FARTHEST))
+    return np.asarray(at.states().sight[:, 0] != ALWAYS)
+
+
 def _by_draws(
     seen: Survey, guess: FloatArray, value: float, beta: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return how far (n,) the quantile of P_D at Φ(β) by draws reaches a value.
+    """Return how far (n,) the quantile of P_D at Φ(β) by draws reaches a value, within the limits.
 
     Few draws search the distance. More draws correct it until its standard error is `PRECISION`.
 
@@ -170,30 +182,33 @@ def _by_draws(
     Returns:
         The distances (n,) [m], and where (n,) even the most draws are not precise.
     """
-    upper, limit = int(beta > 0), np.nan_to_num(seen.limit)
+    upper, limit = int(beta > 0), np.full(len(guess), FARTHEST)
 
     def drawn(draws: int, rays: Rays, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        ends, errors = estimate(rays.at(distance).states(), draws, abs(beta)).bounds
+        ends, errors = estimate(rays.limited_at(distance).states(), draws, abs(beta)).bounds
         return ends[upper], errors[upper]
 
     guess = np.where(np.isnan(guess), first_guess(seen, value, beta), guess)
-    reach = reach_of_bound(seen, guess, value, lambda *at: drawn(DRAWS[0], *at)[0], TOLERANCE)
+    reach = reach_of_bound(
+        seen, guess, value, limit, lambda *at: drawn(DRAWS[0], *at)[0], TOLERANCE
+    )
     rows = np.flatnonzero(reach > 0)
     for draws in DRAWS:
         if not rows.size:
             break
         rays, at = seen.all_rays.part(rows), reach[rows]
-        near, _ = drawn(draws, rays, at * (1.0 - PRECISION))
-        far, error = drawn(draws, rays, at * (1.0 + PRECISION))
+        near, near_error = drawn(draws, rays, at * (1.0 - PRECISION))
+        far, far_error = drawn(draws, rays, at * (1.0 + PRECISION))
+        enclosed = (near - value > ERRORS * near_error) & (value - far > ERRORS * far_error)
+        # at the end of the search the bound is higher than the value, and needs no precision
+        enclosed |= (at >= FARTHEST) & (far - value > ERRORS * far_error)
         fall = near - far
         with np.errstate(divide="ignore", invalid="ignore"):
             step = np.where(fall > 0, ((near + far) / 2.0 - value) / fall, 0.0)
-        # at a limit of the radar the bound is higher than the value, and needs no precision
-        limited = far - value > ERRORS * error
-        sure = (error <= LARGEST_ERROR) & (2.0 * error <= fall)
-        settled = limited | (sure & (abs(step) <= 1.0))
-        step = np.where(limited, 0.0, np.clip(step, -1.0, 1.0))
-        reach[rows] = np.minimum(at * np.exp(2.0 * PRECISION * step), limit[rows])
+        sure = (far_error <= LARGEST_ERROR) & (2.0 * far_error <= fall)
+        settled = enclosed | (sure & (abs(step) <= 1.0))
+        step = np.where(enclosed, 0.0, np.clip(step, -1.0, 1.0))
+        reach[rows] = np.minimum(at * np.exp(2.0 * PRECISION * step), FARTHEST)
         rows = rows[~settled]
     return reach, np.isin(np.arange(len(reach)), rows)
 

@@ -19,7 +19,6 @@ from scipy.special import ndtri
 from radar_sense.coverage.grid import pose_in_cells, put_at_height
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
-from radar_sense.model.network import NetworkModel
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
@@ -56,7 +55,7 @@ class Rays:
 
     Attributes:
         scenario: The scenario of one radar, without the limits of the radar.
-        limited: The same radar with its limits.
+        limited: The same scenario with the limits.
         bearing: Bearing from the radar (n,) [rad].
         yaw: Yaw of the aircraft on each ray (n,) [rad], relative to the level plane at the
             aircraft.
@@ -67,7 +66,7 @@ class Rays:
     """
 
     scenario: Scenario
-    limited: NetworkModel
+    limited: Scenario
     bearing: FloatArray
     yaw: FloatArray
     pose: FloatArray
@@ -96,7 +95,14 @@ class Rays:
 
     def at(self, distance: FloatArray) -> Scenario:
         """Return the scenario with the poses at distances (n,) or (n, k), all in one row."""
-        return self.scenario.at_states(self.states(distance.reshape(len(self.bearing), -1)))
+        return self._at(self.scenario, distance)
+
+    def limited_at(self, distance: FloatArray) -> Scenario:
+        """Return what `at` returns with the limits of the radar, which errors may cross."""
+        return self._at(self.limited, distance)
+
+    def _at(self, scenario: Scenario, distance: FloatArray) -> Scenario:
+        return scenario.at_states(self.states(distance.reshape(len(self.bearing), -1)))
 
     def slant_range(self, distance: FloatArray) -> FloatArray:
         """Return the slant ranges (n,) [m] at distances (n,) [m]."""
@@ -117,11 +123,12 @@ class Rays:
     def p_d_and_visible(self, distance: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return `p_d` and `visible` from one computation of the states."""
         states, radar = self.states(distance), self.scenario.radar
-        return self.scenario.model.p_d(states, radar), self.limited.visible(states, radar)[..., 0]
+        visible = self.limited.model.visible(states, radar)[..., 0]
+        return self.scenario.model.p_d(states, radar), visible
 
     def visible(self, distance: FloatArray) -> NDArray[np.bool_]:
         """Return where (n, k) distances (n, k) are within the limits of the radar."""
-        return self.limited.visible(self.states(distance), self.scenario.radar)[..., 0]
+        return self.limited.model.visible(self.states(distance), self.scenario.radar)[..., 0]
 
     def quantile(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
         """Return the quantile of P_D (n, ...) at Φ(β) by a method at distances (n, ...)."""
@@ -154,7 +161,7 @@ def rays(
     if by_aspect:
         first = _bearing(scenario)
         bearing, yaw = np.full(len(angle), first), first + math.pi - angle
-    return Rays(without, scenario.model, bearing, yaw, pose, angle if by_aspect else None)
+    return Rays(without, scenario, bearing, yaw, pose, angle if by_aspect else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +262,11 @@ def bounds_of_reach(seen: Survey, value: float, method: str, beta: float) -> lis
         def bound(rays: Rays, distance: FloatArray) -> FloatArray:
             return rays.quantile(distance, method, end)
 
-        return reach_of_bound(seen, first_guess(seen, value, end), value, bound)
+        limit = np.nan_to_num(seen.limit)
+        found = reach_of_bound(seen, first_guess(seen, value, end), value, limit, bound)
+        inside = np.maximum(found, NEAREST)[:, np.newaxis] * INSIDE
+        found[(found > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0.0
+        return found
 
     return [reach(-beta), reach(beta)]
 
@@ -275,15 +286,17 @@ def reach_of_bound(
     seen: Survey,
     guess: FloatArray,
     value: float,
+    limit: FloatArray,
     bound: Callable[[Rays, FloatArray], FloatArray],
     tolerance: float = Z_TOLERANCE,
 ) -> FloatArray:
-    """Return how far (n,) a bound of P_D reaches a value, within the limits of the radar.
+    """Return how far (n,) a bound of P_D reaches a value, up to a limit.
 
     Args:
         seen: P_D along the rays.
         guess: Where the bound may reach the value (n,) [m].
         value: Value of P_D.
+        limit: Largest distance (n,) [m]; 0 for a ray without any.
         bound: From j rays and distances (j,) to the bound of P_D (j,).
         tolerance: |z| of the bound less z of the value that is near enough.
 
@@ -292,7 +305,7 @@ def reach_of_bound(
     """
     from scipy.optimize.elementwise import find_root  # slow to import
 
-    wanted, limit = ndtri(value), np.nan_to_num(seen.limit)
+    wanted = ndtri(value)
 
     def excess(rows: NDArray[np.intp], distance: FloatArray) -> FloatArray:
         """Return z of the bound minus z of the value, on some rays."""
@@ -325,8 +338,6 @@ def reach_of_bound(
         tolerances={"xatol": NEAR_ENOUGH, "fatol": tolerance},
     )
     reach[rows] = np.exp(root.x)
-    inside = np.maximum(reach, NEAREST)[:, np.newaxis] * INSIDE
-    reach[(reach > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0
     reach[unknown] = np.nan
     reach[limit == 0] = 0.0
     return reach
