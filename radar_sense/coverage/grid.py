@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -40,6 +41,8 @@ _ON_A_SIDE = 61
 #: Headings at which the RCS is sampled to find the lobes, and half steps tried, in samples.
 CIRCLE = 32_768
 HALF_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
+#: Largest elevation of the radar at these headings, and its shortest and longest step [rad].
+ELEVATION, ELEVATION_STEPS = np.deg2rad(30.0), np.deg2rad([0.5, 10.0])
 #: Part of the RCS by which the nearest sampled heading may be below the peak of a lobe.
 LOBE_LOSS = 0.005
 #: Steps of the golden section, which shrink the bracket to 1 in 16,000.
@@ -135,18 +138,20 @@ def grid(
 
 
 def _reach(centre: FloatArray, least: float, leaves: Callable[[Grid], bool]) -> float:
-    """Return the least distance of the sides from the centre (2,) that no contour goes through.
+    """Return the distance of the sides from the centre (2,) beyond which no contour goes.
 
     Where P_D is high at any distance, and where the route would be a dot, it is `least`.
     """
-    for reach in least * 1.2 ** np.arange(13):  # up to nine times
+    reaches, inside = least * 1.2 ** np.arange(13), 0  # up to nine times
+    for number, reach in enumerate(reaches, start=1):
         north, east = (np.linspace(c - reach, c + reach, _ON_A_SIDE) for c in centre)
         try:
-            if not (leaves(Grid(north[[0, -1]], east)) or leaves(Grid(north, east[[0, -1]]))):
-                return float(reach)
+            # a contour may be beyond a blind zone, so that clear sides are not the end
+            if leaves(Grid(north[[0, -1]], east)) or leaves(Grid(north, east[[0, -1]])):
+                inside = number
         except InputError:  # beyond the edge of the earth
             break
-    return least
+    return float(reaches[inside]) if inside < len(reaches) else least
 
 
 def p_d_in_cells(
@@ -253,8 +258,8 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
     """Return the number of headings that find every lobe of the RCS in a pose.
 
     The RCS is computed on circles of heading, for radars up to 30 deg above and below the aircraft.
-    With the longest allowed step, the better of two neighbouring headings loses at most `LOBE_LOSS`
-    of the RCS.
+    The circles are no farther apart than the lobes, and half a degree at least. With the longest
+    allowed step, the better of two neighbouring headings loses at most `LOBE_LOSS` of the RCS.
 
     Raises:
         InputError: If the lobes are too narrow.
@@ -262,28 +267,29 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
     by_aspect = [m.rcs for m in scenario.model.models if not m.rcs.isotropic]
     if not by_aspect:
         return 1
-    elevations = np.deg2rad(np.arange(-30.0, 31.0, 10.0))[:, np.newaxis]
-    states = np.zeros((len(elevations), CIRCLE, len(AIRCRAFT)))
-    states[..., ATTITUDE] = pose[ATTITUDE]
-    states[..., YAW] = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
-    towards = np.concatenate(
-        [np.cos(elevations), np.zeros_like(elevations), np.sin(elevations)], axis=-1
-    )
-    body = body_vector(states, towards[:, np.newaxis])
-    sigma = np.concatenate([rcs.cross_section(body) for rcs in by_aspect])
-
-    def finds_lobes(half_step: int) -> bool:
-        neighbours = np.maximum(
-            np.roll(sigma, half_step, axis=1), np.roll(sigma, -half_step, axis=1)
-        )
-        return not np.any(neighbours < (1.0 - LOBE_LOSS) * sigma)
-
-    # From short steps to long, because a step over several equal lobes seems to lose nothing.
-    half_steps = list(itertools.takewhile(finds_lobes, HALF_STEPS))
+    states = np.zeros((CIRCLE, len(AIRCRAFT)))
+    states[:, ATTITUDE] = pose[ATTITUDE]
+    states[:, YAW] = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
+    apart = np.clip(min(rcs.detail for rcs in by_aspect), *ELEVATION_STEPS)
+    circles = 1 + math.ceil(2.0 * ELEVATION / apart)
+    half_steps: tuple[int, ...] = HALF_STEPS
+    for elevation in np.linspace(-ELEVATION, ELEVATION, circles):
+        towards = np.array([math.cos(elevation), 0.0, math.sin(elevation)])
+        body = body_vector(states, towards)
+        for rcs in by_aspect:
+            sigma = rcs.cross_section(body)
+            # from short steps to long: a step over several equal lobes seems to lose nothing
+            half_steps = tuple(itertools.takewhile(partial(_finds_lobes, sigma), half_steps))
     # The sampled circle cannot resolve more lobes than half its points.
     if not half_steps or any(getattr(rcs, "lobes", 0) > CIRCLE // 2 for rcs in by_aspect):
         raise InputError("the lobes of the RCS are too narrow for a search over headings")
     return math.ceil(CIRCLE / (2 * half_steps[-1]))
+
+
+def _finds_lobes(sigma: FloatArray, half_step: int) -> bool:
+    """Return whether the better of two places of a circle (n,), a step apart, is near each peak."""
+    neighbours = np.maximum(np.roll(sigma, half_step), np.roll(sigma, -half_step))
+    return not np.any(neighbours < (1.0 - LOBE_LOSS) * sigma)
 
 
 def _foresee(scenario: Scenario, cells: Grid, evaluations: float, workers: int) -> None:

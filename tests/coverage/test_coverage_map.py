@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, lay_out, scenario, with_arrays
+from helpers import document, dump_yaml, lay_out, scenario, with_arrays
 from matplotlib.collections import LineCollection
 
 import radar_sense as rs
@@ -230,6 +230,47 @@ def test_headings_are_as_many_as_lobes_need(lobes, enough):
     s = scenario(aircraft__rcs=rcs)
     count = area.heading_count(s, s.aircraft[0])
     assert enough <= count <= 4 * enough
+
+
+def test_the_contour_may_be_beyond_a_blind_zone():
+    """P_D is 0 within 30 km, around the whole route, and reaches 0.1 at some 50 km."""
+    s = scenario(
+        geometry__range_km=10,
+        aircraft__rcs={"model": "constant", "rcs_m2": 1},
+        radar__min_range_km=30,
+        radar__constant=4e-4,
+        radar__p_fa=1e-6,
+        radar__detector="swerling1",
+    )
+    # P_D = P_fa^(1/(1 + S)) is 0.1 at S = 5
+    farthest = (4e-4 / (1.380649e-23 * 5)) ** 0.25
+    result = coverage_map(s)
+    assert farthest < result.table["north_m"].max() < 1.3 * farthest
+    assert (result.table["p_d"] >= 0.1).any()
+
+
+def test_a_lobe_between_the_tens_of_degrees_of_elevation_is_found(tmp_path):
+    """The lobe is one degree wide, at elevations from −6 to −4 deg: brute force over headings."""
+    rows = [
+        f"{a},{e},{10 if abs(a - 37.5) < 0.6 and e in (-6, -5, -4) else -15}"
+        for e in range(-15, 16)
+        for a in np.arange(-180, 180, 0.5)
+    ]
+    (tmp_path / "rcs.csv").write_text("azimuth_deg,elevation_deg,rcs_dbsm\n" + "\n".join(rows))
+    content = document(aircraft__rcs={"model": "table", "file": "rcs.csv"})
+    weak = {"radar__constant": 0.005, "radar__p_fa": 1e-6, "radar__detector": "swerling1"}
+    content = document(content, geometry__down_km=-5, geometry__range_km=57, **weak)
+    (tmp_path / "map.yaml").write_text(dump_yaml(content))
+    s = rs.load_scenario(tmp_path / "map.yaml")
+    cells = area.Grid(np.array([-68e3, -64e3]), np.array([4e3, 8e3]))
+    found, _ = area.worst_p_d_in_cells(s, cells)
+    states = np.zeros((7200, 6))
+    states[:, 2] = -5e3
+    states[:, 5] = np.deg2rad(np.arange(7200) / 20)
+    for i, north in enumerate(cells.north):
+        for j, east in enumerate(cells.east):
+            states[:, :2] = north, east
+            assert found[i, j] == pytest.approx(s.model.p_d(states, s.radar).max(), abs=2e-3)
 
 
 def test_lobes_too_narrow_for_a_search_are_refused():
