@@ -249,7 +249,9 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         if not self.limit.allows(number):
             from radar_sense.scenario_file.text_file import advice
 
-            self.fail(f"must be {self.limit}, got {describe(value)}{advice(text)}", param, ctx)
+            self.fail(
+                f"must be {self.limit}, got {describe(value)}{advice(text, self.limit)}", param, ctx
+            )
         return int(number) if self.limit.whole else number
 
 

@@ -248,7 +248,7 @@ def _constant(scenario: Scenario) -> Iterator[str]:
     variance = np.diagonal(scenario.cov_radar).reshape(-1, len(RADAR))
     std = np.sqrt(variance[:, CONSTANT])
     worst = int(np.argmax(std / constant))
-    if std[worst] > constant[worst] and not scenario.tolerances[worst]:
+    if std[worst] > constant[worst]:
         yield warning(
             "uncertainty-large",
             f"sigma of c_r, {std[worst]:.4g}, is above c_r itself, {constant[worst]:.4g}, at the "

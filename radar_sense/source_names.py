@@ -103,8 +103,8 @@ def sources(
     if several:
         found["aircraft"] = Source(FINER, "aircraft", _numbers(slice(0, len(AIRCRAFT))))
         for name, constant, own in zip(names, constants, of_radars, strict=True):
-            found[f"{name}_position"] = Source(FINER, "radar", own[POSITION])
-            found[constant] = Source(FINER, "radar", (own[CONSTANT],), errors[name])
+            found[f"{name}_position"] = Source(FINER, "radar", own[POSITION], part_of=name)
+            found[constant] = Source(FINER, "radar", (own[CONSTANT],), errors[name], name)
         for parameter in uncertain:
             for name, own in zip(names, of_radars, strict=True):
                 at = own[PARAMETERS[parameter]]

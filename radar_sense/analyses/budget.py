@@ -174,7 +174,7 @@ def _know_first(scenario: Scenario, first: Sequence[Contribution], total: float,
     if len(first) > 1:
         return f"know better first: {names} equally, each {share}"
     answer = f"know better first: {names}, {share}"
-    if not first[0].part_of or scenario.method == MONTE_CARLO:
+    if scenario.method == MONTE_CARLO:
         return answer
     at_pose = scenario.at_poses(np.array([pose]))
     (halved,) = value_function(at_pose, scenario.method)([names], 0.5)

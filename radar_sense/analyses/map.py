@@ -294,7 +294,8 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     )
     axes = figure.subplots()
     axes.grid(visible=False)
-    axes.set_title(_pose_in_words(result.summary), fontsize=plotting.points(7.5))
+    title = _pose_in_words(result.summary).replace(", roll", "\nroll")  # else too wide
+    axes.set_title(title, fontsize=plotting.points(7.5))
     image = axes.imshow(
         values, origin="lower", extent=extent, cmap=COLOURS, vmin=0, vmax=1, aspect="equal"
     )

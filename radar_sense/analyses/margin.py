@@ -288,8 +288,13 @@ def _draw(
         return list(zip(changes, ends, ends[1:], strict=False))
 
     of_path = {"attenuation", "elevation_gain"} & {*terms}
-    losses = {name: t for name, t in terms.items() if name.endswith("_db") or name in of_path}
-    (snr, _), needed = terms["snr"], sum(changes.values())
+    losses = {
+        name: t for name, t in terms.items() if any(t) and (name.endswith("_db") or name in of_path)
+    }
+    (snr, of_snr), needed = terms["snr"], sum(changes.values())
+    stds = {name: std for name, (_, std) in losses.items()} | {"SNR": of_snr}
+    rest = (std for name, (_, std) in terms.items() if name not in {*losses, "snr"})
+    stds["SNR without losses"] = math.hypot(*rest)
     values = {name: loss for name, (loss, _) in losses.items()}
     supply = chain({"SNR without losses": snr - sum(values.values()), **values})
     bars = [*(supply if losses else ()), ("SNR", 0.0, snr), *chain(changes)]
@@ -300,8 +305,8 @@ def _draw(
     plotting.set_height(figure, 0.75 + 0.19 * len(bars))
     for row, (name, start, end) in enumerate(bars):
         axes.barh(row, end - start, left=start, height=0.72, color=colours.get(name, "0.6"))
-        std = losses[name][1] if name in losses else 0.0
-        line = np.add(needed, margin) if name == "margin" else end + k * std * np.array([-1, 1])
+        around = k * stds.get(name, 0.0) * np.array([-1, 1])
+        line = np.add(needed, margin) if name == "margin" else end + around
         axes.plot(line, [row, row], color="black", lw=plotting.points(0.8))
         beside = float(np.nanmax([0.0, start, *line])), row
         shift, size = (plotting.points(3), 0.0), plotting.points(6.5)

@@ -206,12 +206,14 @@ def _label(at: RangeAt, radar: str) -> tuple[str, str]:
 
 
 def _check_values(scenario: Scenario, values: Sequence[float]) -> None:
-    """Raise InputError unless all P_D are different, above P_fa and below 1."""
-    p_fa = max(model.p_fa for model in scenario.model.models)
+    """Raise InputError unless all P_D are different, above P_D without a signal and below 1."""
+    nothing = np.zeros(())
+    floor = max(max(m.p_fa, float(m.detector.p_d(nothing, m.p_fa))) for m in scenario.model.models)
     for value in values:
-        if not p_fa < value < 1:
+        if not (1.0 + 1e-9) * floor < value < 1:
             raise InputError(
-                f"p_d must be greater than p_fa, {p_fa:g}, and less than 1, got {value:g}"
+                f"p_d must be above {floor:.4g}, P_D without a signal, and less than 1; "
+                f"got {value:g}"
             )
     if len({f"{value:g}" for value in values}) < len(values) or not values:
         raise InputError("p_d must have one value or more, each once")
@@ -300,11 +302,8 @@ def _draw(
     panels: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
     angle, styles = np.deg2rad(angle_deg), plotting.radar_styles(list(ranges))
     for panel, (name, of_radar) in zip(panels.flat, ranges.items(), strict=False):
-        own = (
-            [styles[name], *((styles[name][0], dashes) for _, dashes in plotting.LINES)]
-            if name
-            else plotting.LINES
-        )
+        # of a network the colour is the radar, and the dashes are the P_D in every panel
+        own = [(styles[name][0] if name else colour, dashes) for colour, dashes in plotting.LINES]
         for at, (colour, dashes) in zip(of_radar, own, strict=False):
             lower, reach, upper = (
                 _closed(angle, values / 1e3) for values in (at.lower, at.slant, at.upper)
@@ -334,7 +333,9 @@ def _draw(
     for panel in panels.flat[count:]:
         panel.remove()
     unit = "slant range in km, " if count > 1 else ""
-    plotting.draw_legend(figure, panels.flat[0], title=unit + title)
+    drawn = panels.flat[:count]
+    most = max(drawn, key=lambda panel: len(panel.get_legend_handles_labels()[1]))
+    plotting.draw_legend(figure, most, title=unit + title)
 
 
 def _closed(angle: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -139,9 +139,10 @@ def report(
     versions and the scenario.
 
     Raises:
-        InputError: If an option is not allowed, or k is given alone.
+        InputError: If an option is not allowed.
     """
     test = {"threshold": threshold, "k": k, "probability": probability}
+    at_k: dict[str, Any] = {} if k is None else {"k": k}
     compared = scenario.at_poses(compared_poses(scenario))
     few, all_poses = len(compared.axis), len(scenario.axis)
     sample = f" Looked at {few} of {all_poses} poses." if few < all_poses else ""
@@ -152,11 +153,16 @@ def report(
             budget,
             "Where does the uncertainty come from, and what should be measured better first?",
             scenario,
-            test,
+            {} if threshold is None else test,
         ),
-        (compare, f"How far can each method be trusted here?{sample}", compared, {}),
+        (compare, f"How far can each method be trusted here?{sample}", compared, at_k),
         (mission, "Will the flight have been detected?", scenario, {"workers": workers}),
-        (detection_range, "How far does each radar see?", scenario, {"step_deg": BEARINGS_DEG}),
+        (
+            detection_range,
+            "How far does each radar see?",
+            scenario,
+            {"step_deg": BEARINGS_DEG, **at_k},
+        ),
         (coverage_map, "Where in the area is P_D high?", scenario, {"workers": workers}),
     ]
     if scenario.time_s is None:

@@ -158,7 +158,8 @@ def _add_tests(
         share = words.probability(above.probability.max())
         shown = share if above.counts.max() else f"in none of {above.runs:,} runs"
         chance = f"P(P_D > {tested.test.p_max:g}) {shown}"
-        lines.append(f"{worst_band(tested, k)}, {chance}  {tested.test.verdict}")
+        worst = tested.path.scenario.axis.at(tested.test.worst)
+        lines.append(f"{worst_band(tested, k)} at {worst}, {chance}  {tested.test.verdict}")
     return lines
 
 

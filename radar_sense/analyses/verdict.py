@@ -161,11 +161,12 @@ def _report(tested: PathTest, method: str, k: float, tests: str) -> list[str]:
     if not without.all():
         place = axis.at(int(np.nanargmin(test.margin)))
         lines += [f"at the worst pose, {place}: {worst_band(tested, k)}"]
-    if test.first is not None and test.total > 0 and not without.all():
+    above = np.flatnonzero(~(test.margin >= 0))
+    if above.size and test.total > 0 and not without.all():
         unit = _unit(scenario)
         lines += [
             f"the bound is above {test.p_max:g} for {test.above:.4g} of {test.total:.6g} {unit} "
-            f"({_share(test):.1%}), first at {axis.at(test.first)}"
+            f"({_share(test):.1%}), first at {axis.at(above[0])}"
         ]
     lines += _probability_lines(tested)
     if test.violated.any():
@@ -256,7 +257,7 @@ def _trust(tested: PathTest, method: str) -> list[str]:
     scenario, path = tested.path.scenario, tested.path
     count = len(scenario.axis)
     line = checked(method, count)
-    if tested.by_draws.any():
+    if method == AUTOMATIC and tested.by_draws.any():
         line += f"; draws replace form at {np.count_nonzero(tested.by_draws)}"
     if tested.test.passed:
         line += f'; a false "holds" has a probability of {2 * CHANCE:.1%} at most'

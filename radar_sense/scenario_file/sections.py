@@ -274,7 +274,7 @@ class Radar:
         default=North(),
     )
     scan_period_s: float | None = key(
-        "Time from one look to the next; without it each pose is a look.", POSITIVE, default=None
+        "Time from one look to the next, which mission needs.", POSITIVE, default=None
     )
     attenuation_db_per_km: float = key(
         "One-way attenuation on the way to the target and back.", NOT_NEGATIVE, default=0.0

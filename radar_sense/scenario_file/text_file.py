@@ -167,11 +167,11 @@ def number(text: str, limit: Limit, place: str) -> float:
     if NOT_FINITE.fullmatch(text):
         raise InputError(f"{place}: must be finite, got {text}")
     got = "nothing" if not text else text if plain and len(text) <= 40 else shorten(text)
-    raise InputError(f"{place}: must be {limit}, got {got}{advice(text)}")
+    raise InputError(f"{place}: must be {limit}, got {got}{advice(text, limit)}")
 
 
-def advice(text: str) -> str:
-    """Return how to write a number that is written in another way, or ""."""
+def advice(text: str, limit: Limit) -> str:
+    """Return how to write a number within a limit that is written in another way, or ""."""
     if len(text) > MAX_LETTERS:
         return ""
     if clock := _CLOCK.fullmatch(text):
@@ -179,7 +179,10 @@ def advice(text: str) -> str:
         total = 3600 * int(hours) + 60 * int(minutes) + float(seconds)
         return f"; write seconds, {total:.15g} for {text}"
     if text.endswith("%") and NUMBER.fullmatch(text[:-1].strip()):
-        return f"; write {float(text[:-1]) / 100:.15g} for {text}"
+        # a percentage of a quantity with a unit is no share
+        is_share = 1 in (limit.at_most, limit.below)
+        share = f"{float(text[:-1]) / 100:.15g} for {text}"
+        return f"; write {share}" if is_share else "; write the quantity itself, without %"
     if text.count(",") == 1 and NUMBER.fullmatch(text.replace(",", ".")):
         return f"; write {text.replace(',', '.')} for {text}"
     if _WITH_UNIT.fullmatch(text):

@@ -249,7 +249,7 @@ def test_p_d_is_above_p_fa_of_every_radar():
     first, *others = s.model.radars
     noisy = dataclasses.replace(first, model=dataclasses.replace(first.model, p_fa=1e-3))
     s = with_arrays(s, model=rs.NetworkModel((noisy, *others)))
-    with pytest.raises(rs.InputError, match=r"greater than p_fa, 0.001, .* got 0.0005"):
+    with pytest.raises(rs.InputError, match=r"above 0.003295, P_D without a signal, .* got 0.0005"):
         detection_range(s, p_d=5e-4, **QUICK)
 
 

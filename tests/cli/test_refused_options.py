@@ -80,7 +80,7 @@ REFUSED = {
     "init --route --from paper": "exclude each other",
     "init --route -": "give a name",
     # what the scenario or the area does not allow
-    "range --p-d 1e-5": "greater than p_fa",
+    "range --p-d 1e-5": "P_D without a signal",
     "detectors --p-d 1.7e-4": "p_d must be above 0.0007715, P_D without a signal; got 0.00017",
     "detectors --set radar.detector=marcum --p-d 1.7e-4": "p_d must be above 0.00017, P_D without",
     "detectors surveillance.yaml --p-d 0.9 --pulses 2": "pulses must be 1 with surveillance, a pul",

@@ -188,7 +188,7 @@ NO_NUMBERS = {
 }
 HINTS = {
     "1,5": "; write 1.5 for 1,5",
-    "5%": "; write 0.05 for 5%",
+    "5%": "; write the quantity itself, without %",
     "10:00:00": "; write seconds, 36000 for 10:00:00",
     "5 km": "; leave out the unit, it is in the name",
 }

@@ -210,7 +210,7 @@ def test_another_file_than_the_recorded_one_is_the_first_error(kind):
 INSTEAD = {
     "10:00:00": "; write seconds, 36000 for 10:00:00",
     "0:01:30.5": "; write seconds, 90.5 for 0:01:30.5",
-    "5 %": "; write 0.05 for 5 %",
+    "5 %": "; write the quantity itself, without %",
     '"-1,25"': "; write -1.25 for -1,25",
     "100 km": "; leave out the unit, it is in the name",
     "0x10": "",
