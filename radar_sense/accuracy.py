@@ -108,14 +108,15 @@ class _Goal:
         self.budget_at = cache(
             lambda pose: error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
         )
-        self.values = self._values_of(scenario)
+        # 3σ of P_D, or its upper bound, at each pose, as a function of names and factor
+        by = "form" if method == AUTOMATIC else method
+        self.values = self.critical_values = value_function(scenario, by, k)
         self.rows = cache(self._rows)
         # If poses are above the limit, the factor depends on these poses alone.
         above = ~(self.values((), 1.0) <= limit)
-        self.critical, self.critical_values = scenario, self.values
         if above.any():
-            self.critical = scenario.at_poses(np.flatnonzero(above))
-            self.critical_values = self._values_of(self.critical)
+            critical = scenario.at_poses(np.flatnonzero(above))
+            self.critical_values = value_function(critical, by, k)
 
     def required(self, names: tuple[str, ...]) -> RequiredAccuracy:
         """Return the largest factor that the method finds and draws confirm."""
@@ -139,46 +140,29 @@ class _Goal:
             known=known,
         )
 
-    def _values_of(self, scenario: Scenario) -> Callable[[tuple[str, ...], float], FloatArray]:
-        """Return 3σ of P_D, or its upper bound, at each pose, as a function of names and factor."""
-        return value_function(scenario, "form" if self.method == AUTOMATIC else self.method, self.k)
-
     def _largest(self, names: tuple[str, ...]) -> tuple[float | None, bool]:
         """Return the largest factor by the method, and whether larger factors have a value."""
 
-        def beyond(log_factor: float) -> NDArray[np.bool_]:
-            """Return the critical poses beyond the limit, or without a value."""
-            return ~(self.critical_values(names, float(np.exp(log_factor))) <= self.limit)
+        @cache
+        def excess(log_factor: float) -> float:
+            """Return by how much the limit is exceeded at any pose; NaN without a value."""
+            values = self.critical_values(names, float(np.exp(log_factor)))
+            return float(np.max(values)) - self.limit
 
-        least = float(np.max(self.critical_values(names, 0.0)))
-        if not least <= self.limit:
-            return None, not np.isnan(least)
+        if not excess(-np.inf) <= 0.0:
+            return None, not np.isnan(excess(-np.inf))
         low = high = 0.0
-        outside = beyond(0.0)
-        if not outside.any():
-            while not outside.any():
+        if excess(0.0) <= 0.0:
+            while excess(high) <= 0.0:
                 if high == LARGEST_LOG_FACTOR:
                     return np.inf, True
                 low, high = high, min(high + STEP, LARGEST_LOG_FACTOR)
-                outside = beyond(high)
         else:
-            at_low = outside
-            while at_low.any():
+            while not excess(low) <= 0.0:
                 if low == -LARGEST_LOG_FACTOR:
-                    least_values = self.critical_values(names, float(np.exp(low)))
-                    return 0.0, not np.isnan(least_values).any()
+                    return 0.0, not np.isnan(excess(low))
                 low, high = max(low - STEP, -LARGEST_LOG_FACTOR), low
-                outside, at_low = at_low, beyond(low)
-        # The value grows with the factor: the poses outside at the larger factor decide.
-        deciding = self._values_of(self.critical.at_poses(np.flatnonzero(outside)))
-        factor, known = _root(lambda f: float(np.max(deciding(names, f))) - self.limit, low, high)
-        if beyond(np.log(factor)).any():  # another pose is beyond at a smaller factor
-            factor, known = _root(
-                lambda f: float(np.max(self.critical_values(names, f))) - self.limit,
-                low,
-                np.log(factor),
-            )
-        return factor, known
+        return _root(excess, low, high)
 
     def _confirmed(
         self, names: tuple[str, ...], factor: float | None, known: bool
@@ -311,21 +295,12 @@ def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[fl
     """
     from scipy.optimize import brentq  # slow to import
 
-    @cache
-    def excess_at(log_factor: float) -> float:
-        return excess(float(np.exp(log_factor)))
-
-    # Comparisons are `not <=` because NaN is not within the limit.
-    while np.isnan(excess_at(high)):
-        if high - low < 0.01:
-            return float(np.exp(low)), False
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess_at(middle) <= 0 else (low, middle)
     undefined: list[float] = []
 
+    @cache
     def defined_excess(log_factor: float) -> float:
-        value = excess_at(log_factor)
-        if np.isnan(value):
+        value = excess(log_factor)
+        if np.isnan(value):  # which is not within the limit
             undefined.append(log_factor)
             return 1.0
         return value
@@ -350,10 +325,10 @@ def only_at(scenario: Scenario, at: float) -> Scenario:
         InputError: If there is no pose at that place.
     """
     axis = scenario.axis
-    pose = axis.find(at)
-    if pose is None:
+    pose = int(np.argmin(abs(axis.values - at)))
+    if abs(axis.values[pose] - at) > axis.tolerance:
         raise InputError(
             f"there is no pose at {axis.format(at)}, the nearest of {len(axis)} is at "
-            f"{axis.at(axis.nearest(at))}"
+            f"{axis.at(pose)}"
         )
     return scenario.at_poses(slice(pose, pose + 1))

@@ -55,15 +55,6 @@ class Axis:
         """Return the axis of some of the poses."""
         return replace(self, values=self.values[poses])
 
-    def find(self, value: float) -> int | None:
-        """Return the pose at a value, or None if there is none."""
-        nearest = self.nearest(value)
-        return nearest if abs(self.values[nearest] - value) <= self.tolerance else None
-
-    def nearest(self, value: float) -> int:
-        """Return the pose nearest to a value."""
-        return int(np.argmin(abs(self.values - value)))
-
 
 def reached(values: FloatArray) -> NDArray[np.bool_]:
     """Mark the poses at which the largest value is reached.

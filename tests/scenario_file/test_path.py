@@ -441,10 +441,6 @@ def test_places_are_written_with_the_digits_they_need():
     assert describe_poses(top < 1, when) == "at 0.1 to 0.2, 1000000.125 s"
     far = axis.distance(1000 * values)
     assert describe_poses(top > 0, far) == "at 300, 2000000000 m"
-    assert when.find(0.3) == 2
-    assert when.find(1e6) is None
-    assert far.find(100.9) == 0
-    assert axis.azimuth(values).find(0.1001) is None
 
 
 LABELS = [
