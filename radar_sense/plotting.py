@@ -28,6 +28,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from radar_sense.axis import Axis, runs_of
+from radar_sense.errors import check_choice
 from radar_sense.limits import STYLES as STYLE_NAMES
 from radar_sense.states import FloatArray
 from radar_sense.units import ascii_unit, without_unit
@@ -120,10 +121,8 @@ BEARINGS = ("N", "45", "E", "135", "S", "225", "W", "315")
 ASPECTS = ("nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45")
 #: Part of the radius within which a line runs through the number of a ring.
 _BESIDE = 0.12
-#: Lines of more points than MOST_POINTS are thinned, because a million points take a minute and
-#: 10 MB. A page resolves COLUMNS columns.
+#: Lines of more points are pixels in a PDF or SVG, where a million points take 10 MB.
 MOST_POINTS = 10_000
-COLUMNS = 2_000
 
 
 def styles(*taken: tuple[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -162,8 +161,7 @@ def draw(plot: Callable[[Figure], object], footer: str, style: str = DEFAULT_STY
     Raises:
         ValueError: If there is no such style.
     """
-    if style not in STYLES:
-        raise ValueError(f"style must be one of {', '.join(STYLES)}, got {style!r}")
+    check_choice("style", style, STYLES)
     page = STYLES[style]
     with apply_style(page):
         figure = Figure(figsize=(page.width, page.width), layout="constrained")
@@ -296,13 +294,13 @@ def render(figure: Figure, kind: str) -> bytes:
 @contextmanager
 def apply_style(style: Style) -> Iterator[None]:
     """Apply a style to Matplotlib's defaults, without the user's settings."""
-    kept = {"backend", "backend_fallback", "interactive", "toolbar", "timezone"}
-    defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in kept}
     scaled = {key: style.scale * size for key, size in _POINTS.items()}
     font: dict[Any, Any] = (
         {"font.family": "STIXGeneral", "mathtext.fontset": "stix"} if style.ieee else {}
     )
-    with mpl.rc_context({**defaults, **_SETTINGS, **scaled, **font}):
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update({**_SETTINGS, **scaled, **font})
         yield
 
 
@@ -364,17 +362,12 @@ def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
 
     angle = max(np.arange(22.5, 360.0, 45.0), key=lambda angle: int(free(angle).sum()))
     shown = free(angle) if free(angle).any() else np.ones(len(rings), dtype=bool)
-    axes.set_yticks(rings, [])
-    for ring in rings[shown]:
-        axes.text(
-            np.deg2rad(angle),
-            ring,
-            f"{ring:g}".replace("-", "\N{MINUS SIGN}"),
-            ha="center",
-            va="center",
-            fontsize=points(8 if names else 6),
-            path_effects=[withStroke(linewidth=points(2.0), foreground="white")],
-        )
+    axes.set_rlabel_position(angle)
+    texts = [f"{ring:g}".replace("-", "\N{MINUS SIGN}") for ring in rings]
+    numbers = np.where(shown, texts, "").tolist()
+    rim = withStroke(linewidth=points(2.0), foreground="white")
+    size = points(8 if names else 6)
+    axes.set_yticks(rings, numbers, ha="center", va="center", fontsize=size, path_effects=[rim])
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
     axes.set_xticklabels(names)
     axes.set_ylabel(label, labelpad=points(24))
@@ -413,8 +406,8 @@ def pose_lines(figure: Figure, axis: Axis, lines: Sequence[PoseLine], label: str
     """Draw lines over the poses, from zero."""
     (axes,), x = pose_panels(figure, 1, axis)
     for line in lines:
-        draw_line(axes, x, line.values, line.style, label=line.label)
-        axes.lines[-1].set(linewidth=points(line.width), zorder=line.zorder)
+        own = {"label": line.label, "lw": points(line.width), "zorder": line.zorder}
+        draw_line(axes, x, line.values, line.style, **own)
     axes.set_ylabel(label)
     from_zero(axes)
     draw_legend(figure, axes)
@@ -472,7 +465,7 @@ def draw_shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | 
             transform=axes.get_xaxis_transform(),
             color="0.9",
             lw=0,
-            rasterized=len(spans) > COLUMNS,
+            rasterized=len(spans) > MOST_POINTS,
             zorder=0.9,  # over the grid, under all data
             label=label,
         )
@@ -484,21 +477,12 @@ def from_zero(axes: Axes) -> None:
 
 
 def draw_line(
-    axes: Axes, x: FloatArray, y: FloatArray, style: tuple[str, Any], label: str | None = None
+    axes: Axes, x: FloatArray, y: FloatArray, style: tuple[str, Any], **line: Any
 ) -> None:
-    """Draw a line in a style of `LINES`; a single pose as a dot."""
-    colour, dashes = style
-    marker = "o" if len(x) == 1 else None  # a line of one point is invisible
-    kept = thinned(x, y)
-    axes.plot(
-        x[kept],
-        y[kept],
-        color=colour,
-        linestyle=dashes,
-        marker=marker,
-        markersize=points(3),
-        label=label,
-    )
+    """Draw a line in a style of `LINES`, and as Matplotlib's `plot`; a single pose as a dot."""
+    dot = "o" if len(x) == 1 else None  # a line of one point is invisible
+    shown = {"color": style[0], "ls": style[1], "marker": dot, "ms": points(3), **line}
+    axes.plot(x, y, rasterized=len(x) > MOST_POINTS, **shown)
 
 
 def coloured_line(
@@ -508,9 +492,8 @@ def coloured_line(
 
     A black edge with a white rim keeps the line visible on a map of the same colours.
     """
-    kept = thinned(x, y)
-    corners = np.column_stack([x, y])[kept]
-    middles = 0.5 * (values[kept][1:] + values[kept][:-1])
+    corners = np.column_stack([x, y])
+    middles = 0.5 * (values[1:] + values[:-1])
     rims = [
         withStroke(linewidth=points(w), foreground=c) for w, c in ((4.2, "white"), (3.2, "black"))
     ]
@@ -526,7 +509,7 @@ def coloured_line(
         clim=(0, 1),
         linewidths=points(1.8),
         capstyle="round",
-        rasterized=len(corners) > COLUMNS,
+        rasterized=len(corners) > MOST_POINTS,
     )
     axes.plot(
         *corners.T,
@@ -561,37 +544,7 @@ def draw_fill(
         bar = {key: value for key, value in style.items() if key != "lw"}
         axes.vlines(x, lower, upper, lw=points(6.0), zorder=1.5, **bar)
         return
-    kept = np.union1d(thinned(x, lower), thinned(x, upper))
-    axes.fill_between(x[kept], lower[kept], upper[kept], **style)
-
-
-def thinned(x: FloatArray, y: FloatArray) -> NDArray[np.intp]:
-    """Choose the points of a line that a page can show.
-
-    Up to MOST_POINTS points are all kept. With more points, each run within one column keeps the
-    first, the last, the lowest and the highest. These points draw the same pixels as all points (U.
-    Jugel, Z. Jerzak, G. Hackenbroich and V. Markl, "M4: a visualization-oriented time series data
-    aggregation", PVLDB 7(10), 2014).
-
-    Args:
-        x: Coordinates (n,), in any order.
-        y: Values (n,). A run of NaN stays a gap.
-
-    Returns:
-        Indices, increasing.
-    """
-    count = len(x)
-    span = float(np.ptp(x)) if count else 0.0
-    if count <= MOST_POINTS or not span > 0:
-        return np.arange(count)
-    column = np.floor((x - x.min()) * (COLUMNS / span))
-    starts = np.flatnonzero(np.diff(column, prepend=-1.0))
-    ends = np.append(starts[1:], count) - 1
-    run = np.repeat(np.arange(len(starts)), ends - starts + 1)
-    known = np.isfinite(y)
-    lowest = np.lexsort((np.where(known, y, np.inf), run))[starts]
-    highest = np.lexsort((np.where(known, y, -np.inf), run))[ends]
-    return np.unique(np.concatenate([starts, lowest, highest, ends]))
+    axes.fill_between(x, lower, upper, rasterized=len(x) > MOST_POINTS, **style)
 
 
 def draw_band(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, label: str) -> None:

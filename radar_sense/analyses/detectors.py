@@ -226,8 +226,8 @@ def _draw_slopes(axes: Axes, table: Table, p_fa: float) -> None:
         )
         if n > 1:
             # One pulse, with the gain of integration added to the signal-to-noise ratio.
-            plotting.draw_line(axes, snr_db - half[1] + half[n], slopes[1], ("0.55", "-"))
-            axes.lines[-1].set_linewidth(plotting.points(0.7))
+            gained, thin = snr_db - half[1] + half[n], plotting.points(0.7)
+            plotting.draw_line(axes, gained, slopes[1], ("0.55", "-"), lw=thin)
     note = "dots: $P_D$ 0.5; thin: 1 pulse, gain in the radar constant"
     axes.set_title(note, loc="right", fontsize=plotting.points(6.5), pad=plotting.points(2))
     axes.set_xlim(SNR_DB[0], SNR_DB[-1])

@@ -347,40 +347,17 @@ def test_very_many_poses_make_a_small_file():
     assert len(plotting.render(figure, "pdf")) < 300_000
 
 
-@pytest.mark.parametrize("order", ["rising", "falling", "there and back", "bunched"])
-def test_a_thinned_line_draws_the_same_pixels(order):
-    rng = np.random.default_rng(2)
-    x = {
-        "rising": np.linspace(-3, 5, 100_000),
-        "falling": np.linspace(5, -3, 100_000),
-        "there and back": 5 * np.sin(np.linspace(0, 20, 100_000)),
-        # nearly all points lie in the first second
-        "bunched": np.sort(rng.random(100_000) ** np.where(np.arange(100_000) % 99, 60, 1)),
-    }[order]
-    y = rng.standard_normal(x.size)
-    y[5_000:5_003], y[60_000:63_000], y[70_000] = np.nan, np.nan, 50.0
-    few = plotting.thinned(x, y)
-    assert few.size < 0.5 * x.size
-    assert few[0] == 0
-    assert few[-1] == x.size - 1
-    assert np.all(np.diff(few) > 0)
-    # the extent of every run of points within one column, a gap where there is nothing
-    column = np.floor((x - x.min()) / (np.ptp(x) / plotting.COLUMNS) + 1e-9)
-    for function, nothing in ((np.fmin, np.inf), (np.fmax, -np.inf)):
-        all_of_it, left = np.full((2, plotting.COLUMNS + 1), nothing)
-        function.at(all_of_it, column.astype(int), y)
-        function.at(left, column[few].astype(int), y[few])
-        same = np.isclose(left, all_of_it, rtol=0, atol=0)
-        assert np.count_nonzero(~same) <= 4  # where rounding puts a point into the next column
-    assert np.isnan(y[few]).any() == (order != "bunched")  # there the gap is within a column
-    assert 70_000 in few
-
-
-def test_a_line_of_few_points_is_drawn_whole():
-    x = np.zeros(20_000)
-    assert plotting.thinned(x[:10_000], x[:10_000]).size == 10_000
-    assert plotting.thinned(x, x).size == 20_000  # a hovering aircraft, on a map
-    assert plotting.thinned(x[:0], x[:0]).size == 0
+@pytest.mark.parametrize("count", [10_000, 10_001])
+def test_a_line_of_many_points_is_a_picture(count):
+    """A million points of a vector are 10 MB and a minute."""
+    axes = plotting.Figure().subplots()
+    x = np.linspace(0, 1, count)
+    plotting.draw_line(axes, x, x**2, ("black", "-"))
+    plotting.coloured_line(axes, x, x**2, x, "viridis", "route")
+    assert len(axes.lines[0].get_xdata()) == count
+    assert {bool(line.get_rasterized()) for line in (axes.lines[0], *axes.collections)} == {
+        count > 10_000
+    }
 
 
 @pytest.mark.parametrize("count", [2, 40, 5_000])
