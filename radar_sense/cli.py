@@ -203,7 +203,7 @@ class OneCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Check the options before click takes the last of two values."""
-        if any(option.name == "values" for option in self.params):
+        if sum(isinstance(option, click.Argument) for option in self.params) > 1:
             # a space before a negative number, which is no option then
             args = [f" {word}" if _NEGATIVE.fullmatch(word) else word for word in args]
         try:
@@ -219,7 +219,11 @@ class OneCommand(click.Command):
             several = isinstance(option, click.Option) and (option.multiple or option.is_flag)
             if given.count(option) > 1 and not several:
                 ctx.fail(f"{option.opts[0]} is given twice; give it once")
-        return super().parse_args(ctx, args)
+        try:
+            return super().parse_args(ctx, args)
+        except click.MissingParameter:
+            _, *usage = self.collect_usage_pieces(ctx)
+            ctx.fail(f"{self.name} needs {' '.join(usage)}")
 
 
 def _complain(message: str) -> None:
@@ -278,8 +282,8 @@ def command_of(analysis: Command) -> click.Command:
         analysis.name,
         callback=click.pass_obj(lambda run, **options: _run(analysis, run, **options)),
         params=[
-            _config(analysis),
-            *(_option(option) for option in analysis.options if not option.positional),
+            *_arguments(analysis),
+            *(_option(analysis, option) for option in analysis.options if not option.positional),
             SET,
             *_output(analysis),
         ],
@@ -287,8 +291,10 @@ def command_of(analysis: Command) -> click.Command:
     )
 
 
-def _option(option: Option) -> click.Option:
+def _option(analysis: Command, option: Option) -> click.Option:
     default = option.default_text and f"  [default: {option.default_text}]"
+    # a default in words stands for one that is no single value
+    value = None if default else analysis.defaults.get(option.name)
     several: dict[str, Any] = {} if option.count == 1 else {"nargs": option.count}
     return click.Option(
         [f"--{option.name.replace('_', '-')}"],
@@ -296,43 +302,32 @@ def _option(option: Option) -> click.Option:
         is_flag=option.flag,
         multiple=option.multiple,
         metavar=None if option.flag else option.metavar,
-        type=None if option.limit is None else Number(option.limit),
-        default=option.default,
-        show_default=option.default is not None and not option.flag,
+        type=_type(option),
+        default=value,
+        show_default=value is not None and not option.flag,
         shell_complete=lambda ctx, _, start: [w for w in option.choices if w.startswith(start)],
         **several,
     )
 
 
-def _config(analysis: Command) -> click.Argument:
-    """Return the argument CONFIG, and with it the values that have no name."""
-    places = [option.metavar for option in analysis.options if option.positional]
-    if places:
-        return click.Argument(["values"], nargs=-1, metavar=" ".join(["[CONFIG]", *places]))
-    return click.Argument(["config"], required=False, type=click.Path(path_type=Path))
+def _arguments(analysis: Command) -> Iterator[click.Argument]:
+    """Yield the argument CONFIG, and the options that have no name."""
+
+    def one(ctx: click.Context, _: click.Parameter, files: tuple[Path, ...]) -> Path | None:
+        if len(files) > 1:
+            ctx.fail(f"got an unexpected argument {files[1]}")
+        return files[0] if files else None
+
+    # of any number, so that click counts the arguments behind from the last
+    file = click.Path(path_type=Path)
+    yield click.Argument(["config"], nargs=-1, type=file, metavar="[CONFIG]", callback=one)
+    for option in analysis.options:
+        if option.positional:
+            yield click.Argument([option.name], metavar=option.metavar, type=_type(option))
 
 
-def _by_place(
-    analysis: Command, values: tuple[str, ...]
-) -> tuple[Path | None, dict[str, str | float]]:
-    """Return CONFIG and the options that have no name."""
-    options = [option for option in analysis.options if option.positional]
-    if len(values) not in (len(options), len(options) + 1):
-        wanted = " ".join(option.metavar for option in options)
-        raise BadInput(
-            f"{analysis.name} needs [CONFIG] {wanted}, got {' '.join(values) or 'nothing'}"
-        )
-    config = Path(values[0]) if len(values) > len(options) else None
-    chosen: dict[str, str | float] = {}
-    for option, text in zip(options, values[-len(options) :], strict=True):
-        try:
-            chosen[option.name] = (
-                text if option.limit is None else Number(option.limit).convert(text, None, None)
-            )
-        except click.BadParameter as error:
-            first = "; CONFIG stands first" if Path(text).suffix in (".yaml", ".yml") else ""
-            raise BadInput(f"{option.metavar} {error.message}{first}") from error
-    return config, chosen
+def _type(option: Option) -> Number | None:
+    return None if option.limit is None else Number(option.limit)
 
 
 def _output(analysis: Command) -> list[click.Parameter]:
@@ -360,7 +355,6 @@ def _run(
     *,
     quiet: bool,
     config: Path | None = None,
-    values: tuple[str, ...] | None = None,
     changes: tuple[str, ...] = (),
     out: Path = Path(),
     formats: tuple[str, ...] = (),
@@ -375,9 +369,6 @@ def _run(
     logging.getLogger("radar_sense").setLevel(logging.ERROR if quiet else logging.WARNING)
     logging.getLogger("matplotlib").setLevel(logging.CRITICAL)
     chosen = {name: value for name, value in options.items() if value not in (None, ())}
-    if values is not None:
-        config, by_place = _by_place(analysis, values)
-        chosen |= by_place
     formats = () if no_plot else tuple(dict.fromkeys(formats))
     with _refusals():
         scenario = _scenario(config, changes)
@@ -388,7 +379,7 @@ def _run(
             "which scenarios with a route in latitude and longitude have"
         )
     if analysis.endings:
-        stem = analysis.stem(selected)
+        stem = f"{selected.name}_{analysis.name}"
         paths = [out / f"{stem}.{ending}" for ending in (*analysis.endings, *formats)]
         _require_writable(out, paths, _inputs(config, scenario))
     with _refusals(), _computing(analysis, workers, dask, quiet) as computing:

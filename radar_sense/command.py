@@ -59,8 +59,7 @@ class Option:
         help: Line in the help of the command.
         limit: Limit of a number; None for a word.
         metavar: Placeholder of the value in the help.
-        default: The default value.
-        default_text: The default in words, if the value is None.
+        default_text: The default in words, if the function has None or a list of numbers.
         count: Number of values of the option.
         choices: The words allowed; () for a number, or if they depend on the scenario.
         flag: Whether the option takes no value.
@@ -72,7 +71,6 @@ class Option:
     help: str
     limit: Limit | None = None
     metavar: str = "N"
-    default: Any = None
     default_text: str = ""
     count: int = 1
     choices: Collection[str] = ()
@@ -122,7 +120,6 @@ SAMPLER = Option(
     "sampler",
     "random; or sobol, quasi-random points that need fewer runs for mean and sigma.",
     metavar="NAME",
-    default="random",
     choices=SAMPLERS,
 )
 WORKER_THREADS = Option(
@@ -265,17 +262,15 @@ class Result:
         """
         allowed = (*FORMATS, *self.exports)
         for name in formats:
-            if name not in allowed:
-                raise ValueError(f"format must be one of {', '.join(allowed)}, got {name!r}")
-        if style not in STYLES:
-            raise ValueError(f"style must be one of {', '.join(STYLES)}, got {style!r}")
+            check_choice("format", name, allowed)
+        check_choice("style", style, STYLES)
         ending, table = files.table(self.table)
         contents = {ending: table}
         error = None
         try:
-            contents |= self._figures([name for name in formats if name in FORMATS], style)
+            contents |= self.figures([name for name in formats if name in FORMATS], style)
         except FigureError as failure:
-            error = failure
+            error = FigureError(f"{failure}; table and record are written")
         contents |= {n: self.exports[n](self) for n in formats if n in self.exports}
         contents = {f"{self.stem}.{name}": content for name, content in contents.items()}
         record = files.record(self.record(command), contents)
@@ -285,8 +280,8 @@ class Result:
             raise error
         return paths
 
-    def _figures(self, formats: Sequence[str], style: str) -> dict[str, bytes]:
-        """Return the figure in each format."""
+    def figures(self, formats: Sequence[str], style: str = STYLES[0]) -> dict[str, bytes]:
+        """Return the figure in each format, or raise FigureError."""
         if not formats:
             return {}
         try:
@@ -295,10 +290,8 @@ class Result:
             figure = self.plot(style)
             return {name: plotting.render(figure, name) for name in formats}
         except Exception as error:
-            raise FigureError(
-                f"the figure could not be drawn ({type(error).__name__}: {error}); "
-                "table and record are written"
-            ) from error
+            about = f"the figure of {self.analysis} could not be drawn"
+            raise FigureError(f"{about} ({type(error).__name__}: {error})") from error
 
     def record(self, command: Sequence[str] = ()) -> dict[str, Any]:
         """Return the inputs, the warnings, the summary and the columns, for the JSON record."""
@@ -423,9 +416,10 @@ class Command:
         scenario = scenario.with_analysis(**chosen)
         return scenario if radar is None else for_radar(scenario, radar)
 
-    def stem(self, scenario: Scenario) -> str:
-        """Return the name of the files of a result, without folder and ending."""
-        return f"{scenario.name}_{self.name}"
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """Defaults of the function by keyword."""
+        return dict(self.run.__kwdefaults__ or {})
 
     @property
     def keywords(self) -> tuple[str, ...]:

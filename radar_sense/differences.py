@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from radar_sense.errors import InputError, shorten
+from radar_sense.errors import InputError, describe
 
 #: Most lines of a section.
 MOST_LINES = 60
@@ -76,7 +76,7 @@ def _shown(value: Any) -> str:
     """Return a value in a few letters."""
     if isinstance(value, float):
         return f"{value:.6g}"
-    return "nothing" if value is None else shorten(json.dumps(value)).strip("'")
+    return "nothing" if value is None else describe(json.dumps(value)).strip("'")
 
 
 def _by(old: Any, new: Any) -> str:

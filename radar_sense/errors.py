@@ -25,15 +25,10 @@ def printable(text: str) -> str:
     )
 
 
-def shorten(text: str) -> str:
-    """Return at most 40 letters of the text in quotes, with control characters escaped."""
-    return repr(text if len(text) <= 40 else text[:37] + "...")
-
-
 def describe(value: object) -> str:
     """Return a value for an error, at most 40 letters: text in quotes, else as Python writes it."""
     if isinstance(value, str):
-        return shorten(value)
+        return repr(value if len(value) <= 40 else value[:37] + "...")
     text = " ".join(repr(value).split())
     return text if len(text) <= 40 else text[:37] + "..."
 

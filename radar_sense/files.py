@@ -15,7 +15,7 @@ import os
 import platform
 import secrets
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -144,16 +144,19 @@ def write(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
     # Unlike a fixed name, a random one is never the file of another run at work.
     temporary = {name: folder / f".{name}.{secrets.token_hex(4)}" for name in contents}
     new = [path for path in (folder, *folder.parents) if not path.exists()]
+    at = folder
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
-            with _named(paths[name]), temporary[name].open("xb") as file:
+            at = paths[name]
+            with temporary[name].open("xb") as file:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-        for name, path in paths.items():
-            with _named(path):
-                temporary[name].replace(path)
+        for name, at in paths.items():
+            temporary[name].replace(at)
+    except OSError as error:  # with the name of the file, and not of the temporary one
+        raise OSError(error.errno, error.strerror, str(at)) from error
     finally:
         for path in temporary.values():
             path.unlink(missing_ok=True)
@@ -161,12 +164,3 @@ def write(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
             with contextlib.suppress(OSError):  # a folder with files stays
                 path.rmdir()
     return list(paths.values())
-
-
-@contextlib.contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Give an error of the system the name of the file that cannot be written."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from error

@@ -56,6 +56,11 @@ class Geometry:
         return False
 
     @property
+    def origin(self) -> tuple[float, float, float] | None:
+        """The origin of the frame on the earth, see `Path`; None if the frame is flat."""
+        return None
+
+    @property
     def square_root(self) -> FloatArray:
         """F (6, 6) or (n, 6, 6) with F Fᵀ = C_aa, for errors that are correlated along the flight.
 

@@ -10,15 +10,16 @@ import base64
 import html
 import itertools
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from string import Template
 
 import numpy as np
 
+from radar_sense import files
 from radar_sense.command import Result
-from radar_sense.errors import FigureError, printable
+from radar_sense.errors import printable
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -53,22 +54,8 @@ class Section:
         return " ".join(line.strip() for line in self.lines[: len(rows) + 1])
 
 
-def page(
-    scenario: Scenario,
-    sections: Sequence[Section],
-    *,
-    command: Sequence[str],
-    versions: Mapping[str, str | None],
-    document: str,
-) -> str:
-    """Return the page.
-
-    Args:
-        scenario: The scenario.
-        sections: The sections.
-        command: The command line; empty if there was none.
-        versions: Versions of the packages by name.
-        document: The scenario as YAML.
+def page(scenario: Scenario, sections: Sequence[Section], command: Sequence[str]) -> str:
+    """Return the page, with the command line, which is empty if there was none.
 
     Raises:
         FigureError: If a figure cannot be drawn.
@@ -79,8 +66,8 @@ def page(
         "How can this report be made again?",
         (
             *([shlex.join(command)] if command else []),
-            ", ".join(f"{name} {version}" for name, version in versions.items()),
-            *document.splitlines(),
+            ", ".join(f"{name} {version}" for name, version in files.versions().items()),
+            *files.yaml_text(scenario.resolved()).splitlines(),
         ),
     )
     return Template(template).substitute(
@@ -122,15 +109,7 @@ def _section(section: Section) -> str:
 
 
 def _figure(result: Result, words: str) -> str:
-    try:
-        from radar_sense.plotting import render
-
-        drawn = base64.b64encode(render(result.plot(), "svg")).decode()
-    except Exception as error:
-        raise FigureError(
-            f"the figure of {result.analysis} could not be drawn "
-            f"({type(error).__name__}: {error}); nothing is written"
-        ) from error
+    drawn = base64.b64encode(result.figures(["svg"])["svg"]).decode()
     seen = escaped(f"Figure of {result.analysis}: {words}")
     return f'<img alt="{seen}" src="data:image/svg+xml;base64,{drawn}">'
 
@@ -150,11 +129,9 @@ def _table(result: Result) -> str:
 
 
 def _cells(result: Result, name: str) -> Iterable[str]:
-    column = result.columns.get(name)
-    meaning = f"<br>{escaped(column.meaning)}" if column else ""
-    yield f'<th scope="row"><code>{escaped(name)}</code>{meaning}</th>'
+    unit, meaning = result.columns[name]
+    yield f'<th scope="row"><code>{escaped(name)}</code><br>{escaped(meaning)}</th>'
     first, values = next(iter(result.table)), np.asarray(result.table[name], dtype=float)
-    unit = column.unit if column else ""
     known = values[np.isfinite(values)]
     is_map = any(column.ndim > 1 for column in result.table.values())  # and has two axes
     for extreme in (known.min(), known.max()) if known.size else (np.nan, np.nan):
@@ -169,7 +146,7 @@ def _places(result: Result, axis: str, mask: FloatArray) -> str:
     places = result.table[axis][mask]
     if not 1 <= len(places) <= MOST_PLACES:
         return ""
-    unit = result.columns[axis].unit if axis in result.columns else ""
+    unit = result.columns[axis].unit
     return f" at {' and '.join(f'{place:.10g}' for place in places)} {unit}".rstrip()
 
 

@@ -230,7 +230,7 @@ class Scenario:
 
         None unless the route is in latitude and longitude.
         """
-        return self.geometry.origin if isinstance(self.geometry, Path) else None
+        return self.geometry.origin
 
     @cached_property
     def radar(self) -> FloatArray:

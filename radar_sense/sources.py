@@ -7,8 +7,7 @@ tolerances has parts, one for each parameter with a tolerance.
 from __future__ import annotations
 
 import dataclasses
-import itertools
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -325,6 +324,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         sqrt_cov[..., block, block] = covariance.square_root(
             scenario.cov_aircraft[..., block, block]
         )
+    roots = np.broadcast_to(sqrt_cov, (len(scenario.aircraft), *sqrt_cov.shape[-2:]))
     first, tolerances = len(AIRCRAFT), len(AIRCRAFT) + len(states.columns)
     numbers = {
         t.error_key(i): tolerances + number
@@ -339,14 +339,10 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         groups[name] = inputs + sorted(numbers[error] for error in source.errors)
 
     def p_d(normals: FloatArray, poses: slice) -> FloatArray:
-        errors = _errors(sqrt_cov, normals[:, :first], poses)
-        radar = states.radars_at(normals[:, first:])
-        return np.stack(
-            [
-                scenario.model.p_d(pose + error, radar)
-                for pose, error in zip(scenario.aircraft[poses], errors, strict=False)
-            ]
-        )
+        own, radar = normals[:, :first], states.radars_at(normals[:, first:])
+        at_poses = zip(scenario.aircraft[poses], roots[poses], strict=True)
+        aircraft = (covariance.draws(pose, root, own) for pose, root in at_poses)
+        return np.stack([scenario.model.p_d(drawn, radar) for drawn in aircraft])
 
     indices = sobol_indices(
         p_d,
@@ -372,11 +368,3 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     error = np.divide(of_variance, 2.0 * std, out=np.zeros_like(std), where=std > 0)
     fields["total"] = {"three_sigma_error": 3.0 * error}
     return _budget(scenario, indices.mean, std, alone, fields)
-
-
-def _errors(sqrt_cov: FloatArray, normals: FloatArray, poses: slice) -> Iterable[FloatArray]:
-    """Yield the errors (m, 6) of the aircraft at each pose."""
-    mean = np.zeros(len(AIRCRAFT))
-    if sqrt_cov.ndim == 2:
-        return itertools.repeat(covariance.draws(mean, sqrt_cov, normals))
-    return (covariance.draws(mean, matrix, normals) for matrix in sqrt_cov[poses])

@@ -15,12 +15,10 @@ from radar_sense.covariance import square_root
 from radar_sense.model.detectors import CFARS, DETECTORS, Detector, PulseDetector
 from radar_sense.model.geometry import body_vector, elevation_of
 from radar_sense.model.rcs_table import POLE, TableRCS
-from radar_sense.montecarlo.montecarlo import MonteCarlo
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import (
     AUTOMATIC,
     BOUND_CHANGE,
-    MONTE_CARLO,
     STD_CHANGE,
     Band,
     Moments,
@@ -439,26 +437,24 @@ def validity_warnings(
         k: Number of σ of the bounds.
     """
     off = unreliable_in_scenario(scenario, moments, method=method, beta=k)
-    by_draws = np.full(off.shape, method == AUTOMATIC)
     remedy = remedy or REMEDY
     outside, axis = ((moments.lower < 0) | (moments.upper > 1)) & ~off, scenario.axis
     yield from _of_std(axis, moments.std, off, method, remedy)
     yield from placed("band-outside", outside, axis, f"the {method} {k:g}-sigma band leaves [0, 1]")
-    yield from placed(
-        "band-off",
-        off & np.isfinite(moments.std) & ~by_draws,
-        axis,
-        f"the {method} band is off",
-        f": a bound by over {BOUND_CHANGE:g} or a tenth of it, or sigma by over {STD_CHANGE:.0%}; "
-        f"{remedy}",
-    )
-    yield from placed(
-        "band-imprecise",
-        off & by_draws,
-        axis,
-        f"the {method} band is not precise",
-        f": a bound has a standard error above {BOUND_CHANGE:g}",
-    )
+    far = f": a bound by over {BOUND_CHANGE:g} or a tenth of it, or sigma by over {STD_CHANGE:.0%}"
+    known = off & np.isfinite(moments.std)
+    yield from band_off(known, axis, method, f"{far}; {remedy}", f"{BOUND_CHANGE:g}")
+
+
+def band_off(
+    off: NDArray[np.bool_], axis: Axis, method: str, why: str, error: str, of: str = ""
+) -> Iterator[str]:
+    """Yield where (n,) a band is off, and why; of a band by draws, where its error is above one."""
+    if method == AUTOMATIC:
+        why = f": a bound has a standard error above {error}"
+        yield from placed("band-imprecise", off, axis, f"the {method} band{of} is not precise", why)
+    else:
+        yield from placed("band-off", off, axis, f"the {method} band{of} is off", why)
 
 
 def std_warnings(axis: Axis, std: FloatArray, off: NDArray[np.bool_], method: str) -> Iterator[str]:
@@ -514,18 +510,6 @@ def method_warnings(
     yield from table_warnings(scenario)
 
 
-def margin_warnings(
-    missing: NDArray[np.bool_], off: NDArray[np.bool_], axis: Axis, method: str
-) -> Iterator[str]:
-    """Yield where (n,) a method has no band of the margin, or one that is off or not precise."""
-    band, imprecise = f"the {method} band of the margin", method in (AUTOMATIC, MONTE_CARLO)
-    name, problem = (
-        ("band-imprecise", "not precise to") if imprecise else ("band-off", "off by over")
-    )
-    yield from placed("no-value", missing, axis, f"{band} has no value")
-    yield from placed(name, off & ~missing, axis, f"{band} is {problem} 0.25 dB")
-
-
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     """Return one line "a, b and c: text" for all labels with a warning of one name.
 
@@ -545,11 +529,6 @@ def _few(names: Sequence[str]) -> str:
     if len(names) > NAMED:
         names = [*names[: NAMED - 1], f"{len(names) - NAMED + 1} more"]
     return listed(names)
-
-
-def points_named(mc: MonteCarlo) -> str:
-    """Return ", Sobol' points" for Sobol' points; "" for random draws."""
-    return "" if mc.sampler == "random" else ", Sobol' points"
 
 
 def clipping_warnings(count: int) -> Iterator[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
+
 import numpy as np
 
 from radar_sense import files
@@ -46,9 +48,9 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         legs = np.linalg.norm(np.diff(position, axis=0), axis=-1)
         speed = legs / np.diff(scenario.time_s)
         duration = float(scenario.time_s[-1] - scenario.time_s[0])
+        clock = timedelta(seconds=round(duration))
         lines.append(
-            f"path: {duration:.6g} s ({_clock(duration)}), {legs.sum() / 1e3:.4g} km, "
-            f"speed {_span(speed)} m/s"
+            f"path: {duration:.6g} s ({clock}), {legs.sum() / 1e3:.4g} km, speed {_span(speed)} m/s"
         )
     above = "the ellipsoid" if scenario.origin is not None else "the origin"
     lines.append(f"height {_span(height)} m above {above}, bank {_span(bank)} deg")
@@ -109,9 +111,3 @@ def _span(values: FloatArray) -> str:
     # a bank of 1e-15 is rounding
     low, high = (f"{0.0 if abs(end) < ROUNDING else end:.4g}" for end in ends)
     return low if low == high else f"{low} to {high}"
-
-
-def _clock(seconds: float) -> str:
-    """Return hours, minutes and seconds."""
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -30,26 +30,20 @@ from radar_sense.montecarlo.convergence import (
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
-from radar_sense.words import describe_poses, warning
+from radar_sense.words import placed, warning
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
 
 
-#: Largest number of runs: default and limit.
-DEFAULT_RUNS = 2**14
+#: Limit of the largest number of runs.
 LIMIT = Limit(at_least=2, at_most=2**17, whole=True)
 
 
 @command(
     LEVEL,
     ONE_RADAR,
-    Option(
-        "runs",
-        "Largest number of runs, rounded down to a power of two.",
-        LIMIT,
-        default=DEFAULT_RUNS,
-    ),
+    Option("runs", "Largest number of runs, rounded down to a power of two.", LIMIT),
     SEED_OF_DRAWS,
     WORKER_THREADS,
     examples=(
@@ -57,7 +51,7 @@ LIMIT = Limit(at_least=2, at_most=2**17, whole=True)
         "radar-sense convergence my.yaml --level high --runs 65536",
     ),
 )
-def convergence(scenario: Scenario, *, runs: int = DEFAULT_RUNS, workers: int = 1) -> Result:
+def convergence(scenario: Scenario, *, runs: int = 2**14, workers: int = 1) -> Result:
     """Error of Monte Carlo by number of runs, for random and Sobol' draws.
 
     Sobol' points are best for mean and sigma. Their error falls nearly as 1/runs. For 3-sigma
@@ -118,19 +112,16 @@ def _cell(error: float, rate: float, random_runs_for_the_same: float) -> str:
     return f"{error:<9.2g}{slope}" + f"{random_runs_for_the_same:.1e}".replace("e+0", "e")
 
 
-def _warnings(measured: Convergence) -> tuple[str, ...]:
-    """Return warnings of too few runs, and of poses without σ of P_D."""
-    few = []
+def _warnings(measured: Convergence) -> Iterator[str]:
+    """Yield warnings of too few runs, and of poses without σ of P_D."""
     if (count := len(measured.runs)) < RATE_SIZES:
         shown = f"{count} number{'s' if count > 1 else ''} of runs"
         text = f"{shown} can hardly show a rate; take {2**RATE_SIZES} runs or more"
-        few = [warning("runs-few", text)]
+        yield warning("runs-few", text)
     zero = ~(measured.reference[1] > LEAST_STD)
     others = "" if zero.all() else "; the errors are of the other poses"
-    if zero.any():
-        text = "sigma of P_D, the unit of the errors, is zero "
-        few.append(warning("sigma-zero", text + describe_poses(zero, measured.axis) + others))
-    return tuple(few)
+    text = "sigma of P_D, the unit of the errors, is zero"
+    yield from placed("sigma-zero", zero, measured.axis, text, others)
 
 
 def _draw(figure: Figure, runs: FloatArray, errors: Mapping[str, Mapping[str, FloatArray]]) -> None:
@@ -143,8 +134,9 @@ def _draw(figure: Figure, runs: FloatArray, errors: Mapping[str, Mapping[str, Fl
     for axes, statistic, name in zip(rows, STATISTICS, names, strict=True):
         for (kind, error), style in zip(errors[statistic].items(), plotting.LINES, strict=False):
             label, marker = labels[kind]
-            plotting.draw_line(axes, runs, error, style, label=label if axes is rows[0] else None)
-            axes.lines[-1].set(marker=marker, markersize=plotting.points(2.8))
+            of_first = {"label": label} if axes is rows[0] else {}
+            size = plotting.points(2.8)
+            plotting.draw_line(axes, runs, error, style, marker=marker, ms=size, **of_first)
         axes.set_ylabel(f"Error of {name},\nin $\\sigma$ of $P_D$")
         axes.set_xscale("log", base=2)
         axes.margins(x=0.03)

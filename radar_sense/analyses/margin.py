@@ -220,8 +220,12 @@ def _add_margin(result: Result, snr_db: FloatArray, needed_db: float, k: float) 
         (f"upper_{k:.12g}sigma_", upper, f"Its upper {k:g}-sigma bound."),
     ):
         result.table.add(f"{name}margin_db", np.where(seen, values, np.nan), meaning, "dB")
-    masks = seen & ~np.isfinite(moments.std), seen & off
-    result.warnings += words.margin_warnings(*masks, scenario.axis, scenario.method)
+    missing, axis, method = ~np.isfinite(moments.std), scenario.axis, scenario.method
+    without = f"the {method} band of the margin has no value"
+    result.warnings += words.placed("no-value", seen & missing, axis, without)
+    result.warnings += words.band_off(
+        seen & off & ~missing, axis, method, " by over 0.25 dB", "0.25 dB", " of the margin"
+    )
     return list(result.table.values())[1:]
 
 

@@ -363,20 +363,19 @@ def _draw(
     table, scenario, radars = result.table, result.scenario, result.scenario.model.names
     (top, *below), x = plotting.pose_panels(figure, 2 if window is None else 3, scenario.axis)
     styles = plotting.radar_styles(radars if len(radars) > 1 else ())
+    thin = plotting.points(0.8)
     for name, style in styles.items():
         looks = np.isfinite(table[f"p_d_{name}"])
-        plotting.draw_line(top, x[looks], table[f"p_d_{name}"][looks], style, label=name)
-        top.lines[-1].set_linewidth(plotting.points(0.8))
+        p_d = table[f"p_d_{name}"][looks]
+        plotting.draw_line(top, x[looks], p_d, style, label=name, lw=thin)
     if not styles:
-        plotting.draw_line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look")
-        if len(x) <= 100:
-            top.lines[-1].set(marker="o", markersize=plotting.points(1.8))
+        dots = {"marker": "o", "ms": plotting.points(1.8)} if len(x) <= 100 else {}
+        plotting.draw_line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look", **dots)
     top.set_ylabel(r"$P_D$ of a look")
     for axes, event in zip(below, EVENTS, strict=False):
         before = event.before
         for radar, style in styles.items():
-            plotting.draw_line(axes, x, table[f"{event.p}_{radar}"], style)
-            axes.lines[-1].set_linewidth(plotting.points(0.8))
+            plotting.draw_line(axes, x, table[f"{event.p}_{radar}"], style, lw=thin)
         if f"{before}mc_mean" in table:
             low, high = (table[f"{before}mc_{end}"] for end in ("lower", "upper"))
             plotting.draw_fill(axes, x, low, high, color="0.8", lw=0, label="Monte Carlo")
@@ -385,9 +384,9 @@ def _draw(
         plotting.draw_band(axes, x, low, high, rf"${k:g}\,\sigma$ bounds ({scenario.level})")
         if f"{before}mc_mean" in table:
             some = slice(None, None, -(-len(x) // 40))
-            mean = table[f"{before}mc_mean"]
-            axes.plot(x[some], mean[some], "ko", ms=plotting.points(2), label="mean of runs")
-            axes.lines[-1].set(markerfacecolor="white", markeredgewidth=plotting.points(0.6))
+            mean, size, edge = table[f"{before}mc_mean"], plotting.points(2), plotting.points(0.6)
+            hollow: dict[str, Any] = {"ms": size, "mfc": "white", "mew": edge}
+            axes.plot(x[some], mean[some], "ko", label="mean of runs", **hollow)
         axes.set_ylabel(r"Cumulative $P_D$")
     if window is not None:
         together = "\nlooks of one period" if periods > 1 else ""

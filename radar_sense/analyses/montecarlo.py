@@ -25,7 +25,6 @@ from radar_sense.command import (
 from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
 from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -112,18 +111,21 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
         low, high = mc.coverage_interval()
         # Bonferroni's correction: 95 % confidence for all poses together.
         least, most = mc.coverage_interval(1 - 0.05 / len(axis))
-        off = (most < mc.expected) | (least > mc.expected)
+        fewer, more = most < mc.expected, least > mc.expected
+        off = fewer | more
         confidence = f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
         lowest["confidence_95"] = [float(low[pose]), float(high[pose])]
         result.summary["coverage_confidence_95"] = {"lower": low.tolist(), "upper": high.tolist()}
         result.summary["poses_inconsistent"] = int(np.count_nonzero(off))
         if off.any():
+            seen = (word for word, mask in (("fewer", fewer), ("more", more)) if mask.any())
             told = (
-                f"the {method} band holds {_fewer_or_more(mc, most, least)} than "
+                f"the {method} band holds {' or '.join(seen)} than "
                 f"{100 * mc.expected:.2f} % of the draws "
                 f"{words.describe_poses(off, axis)} (95 % confidence for all poses together)"
             )
-    drawn = f"{mc.runs} runs ({result.scenario.level}, seed {mc.seed}{words.points_named(mc)})"
+    points = "" if mc.sampler == "random" else ", Sobol' points"
+    drawn = f"{mc.runs} runs ({result.scenario.level}, seed {mc.seed}{points})"
     if banded.any():
         of_poses = f" at the {len(axis) - without} poses with a band" if without else ""
         result.report += [
@@ -141,12 +143,6 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
         result.report.append(
             f"{without} of {len(axis)} poses have no {method} band and no coverage"
         )
-
-
-def _fewer_or_more(mc: MonteCarlo, most: FloatArray, least: FloatArray) -> str:
-    """Return "fewer", "more" or both, for coverages below and above the expected coverage."""
-    fewer, more = (most < mc.expected).any(), (least > mc.expected).any()
-    return " or ".join(word for word, is_so in (("fewer", fewer), ("more", more)) if is_so)
 
 
 def _draw(figure: Figure, scenario: Scenario, mc: MonteCarlo, band_label: str) -> None:

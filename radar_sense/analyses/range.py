@@ -31,7 +31,7 @@ from radar_sense.plausibility import below_ground
 from radar_sense.propagation import AUTOMATIC, no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
-from radar_sense.words import add_axis, gathered, level_and_method, listed, placed, places
+from radar_sense.words import add_axis, band_off, gathered, level_and_method, listed, places
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -62,10 +62,9 @@ ANGLES = {
         "by",
         "Angle of the table; by aspect, the aircraft turns at the bearing of the first pose.",
         metavar="bearing|aspect",
-        default=BEARING,
         choices=(BEARING, ASPECT),
     ),
-    Option("step_deg", "Step of the angle.", Limit(at_least=0.1, at_most=90), "DEG", default=1.0),
+    Option("step_deg", "Step of the angle.", Limit(at_least=0.1, at_most=90), "DEG"),
     K,
     DOWN_KM,
     COURSE_DEG,
@@ -153,15 +152,11 @@ def detection_range(
     }
 
     off = {name: np.any([at.unreliable for at in group], axis=0) for name, group in ranges.items()}
-    of_band, is_what, end = (
-        ("band-imprecise", "not precise", f": a bound has a standard error above {PRECISION:.0%}")
-        if method == AUTOMATIC
-        else ("band-off", "off", f"; use --method {AUTOMATIC}")
-    )
+    instead = f"; use --method {AUTOMATIC}"
     warnings = [
         (name, text)
         for name, mask in off.items()
-        for text in placed(of_band, mask, axis, f"the {method} band of the range is {is_what}", end)
+        for text in band_off(mask, axis, method, instead, f"{PRECISION:.0%}", " of the range")
     ]
     result.warnings += below_ground(scenario, down_km)
     result.warnings += gathered(warnings) if names else [text for _, text in warnings]

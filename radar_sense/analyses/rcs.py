@@ -142,7 +142,7 @@ def _draw(figure: Figure, model: RCS, seen_azimuth: FloatArray, seen_elevation: 
         (seen, f"at elevation {middle:.1f} deg, as in the geometry", plotting.LINES[1]),
     ):
         plotting.draw_line(
-            polar, np.deg2rad(azimuth), decibels(np.maximum(sigma, floor)), style, label
+            polar, np.deg2rad(azimuth), decibels(np.maximum(sigma, floor)), style, label=label
         )
     low, high = decibels(np.array([floor, top]))
     margin = max(1.0, 0.05 * (high - low))

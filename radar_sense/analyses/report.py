@@ -54,7 +54,7 @@ class Report:
     @property
     def stem(self) -> str:
         """Name of the file, without folder and ending."""
-        return report.stem(self.scenario)
+        return f"{self.scenario.name}_report"
 
     @property
     def passed(self) -> bool:
@@ -80,13 +80,7 @@ class Report:
         Raises:
             FigureError: If a figure cannot be drawn.
         """
-        return page(
-            self.scenario,
-            self.sections,
-            command=command,
-            versions=files.versions(),
-            document=files.yaml_text(self.scenario.resolved()),
-        )
+        return page(self.scenario, self.sections, command)
 
     def save(self, folder: str | Path = ".", *, command: Sequence[str] = ()) -> list[Path]:
         """Write the page.

@@ -12,22 +12,17 @@ import numpy as np
 from radar_sense import words
 from radar_sense.acceptance import refinement
 from radar_sense.accuracy import RequiredAccuracy, only_at, required_accuracies
-from radar_sense.analyses.verdict import PROBABILITY
+from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K
 from radar_sense.axis import Axis
 from radar_sense.command import Option, Result
 from radar_sense.errors import InputError
-from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
+from radar_sense.limits import ANY, TARGET
 from radar_sense.propagation import METHODS, MONTE_CARLO, band_of_scenario
 
 OPTIONS = (
     Option("target", "Also the accuracy at which 3 sigma is X.", TARGET, metavar="X"),
-    Option(
-        "threshold",
-        "Also the accuracy at which P_D + K sigma is P_MAX.",
-        THRESHOLD,
-        metavar="P_MAX",
-    ),
-    Option("k", "Number of sigma of --threshold.", SIGMAS, metavar="K", default_text="3"),
+    dataclasses.replace(THRESHOLD, help="Also the accuracy at which P_D + K sigma is P_MAX."),
+    dataclasses.replace(K, help="Number of sigma of --threshold."),
     PROBABILITY,
     Option(
         "at",

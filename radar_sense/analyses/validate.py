@@ -40,9 +40,7 @@ NAMES = {"mean": "mean", "std": "sigma", "lower": "lower bound", "upper": "upper
     LEVEL,
     ONE_RADAR,
     METHOD,
-    Option(
-        "digits", "Significant digits of the standard deviation that matter.", DIGITS, default=2
-    ),
+    Option("digits", "Significant digits of the standard deviation that matter.", DIGITS),
     K,
     SEED_OF_DRAWS,
     WORKER_THREADS,

@@ -172,12 +172,12 @@ def _draw(figure: Figure, result: Result, band: Band, k: float, threshold: float
     names = scenario.model.names if len(scenario.radars) > 1 else ()
     by_range = isinstance(scenario.geometry, Radial)
     (axes, *others), x = plotting.pose_panels(figure, 1 + by_range, scenario.axis)
-    plotting.draw_line(axes, x, band.p_d, ("black", "-"), label=r"$P_D$")
+    # Where one radar alone sees the aircraft, the network's line is under the radar's line.
+    under = {"lw": plotting.points(2.2), "zorder": 1.8} if names else {}
+    plotting.draw_line(axes, x, band.p_d, ("black", "-"), label=r"$P_D$", **under)
     for name, style in plotting.radar_styles(names).items():
-        # Where one radar alone sees the aircraft, the network's line is under the radar's line.
-        axes.lines[0].set(linewidth=plotting.points(2.2), zorder=1.8)
-        plotting.draw_line(axes, x, table[f"p_d_{name}"], style, label=name)
-        axes.lines[-1].set_linewidth(plotting.points(0.8))
+        p_d = table[f"p_d_{name}"]
+        plotting.draw_line(axes, x, p_d, style, label=name, lw=plotting.points(0.8))
     plotting.draw_fill(axes, x, band.lower, band.upper, color=plotting.BAND[0], alpha=0.18, lw=0)
     label = rf"band of ${k:.4g}\,\sigma$ ({scenario.level})"
     plotting.draw_band(axes, x, band.lower, band.upper, label)

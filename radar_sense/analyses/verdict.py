@@ -16,7 +16,7 @@ from radar_sense.limits import ABOVE, SIGMAS
 from radar_sense.limits import THRESHOLD as P_MAX
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
-from radar_sense.words import checked, describe_band, describe_poses
+from radar_sense.words import checked, describe_band, describe_poses, probability
 
 THRESHOLD = Option(
     "threshold",
@@ -227,7 +227,7 @@ def _probability_lines(tested: PathTest) -> list[str]:
     if not count and not runs.anywhere:
         return [f"{limit}: in none of {runs.runs:,} runs"]
     line = (
-        f"{limit}: {_number(count / runs.runs)} +/- {runs.error(count):.1g} at "
+        f"{limit}: {probability(count / runs.runs)} +/- {runs.error(count):.1g} at "
         f"{axis.at(highest)}, where it is highest"
     )
     if len(axis) == 1:
@@ -235,14 +235,10 @@ def _probability_lines(tested: PathTest) -> list[str]:
     if runs.anywhere is None:
         return [line, "P anywhere with correlated errors needs times: use a path"]
     line += (
-        f"; {_number(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} anywhere "
+        f"; {probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} anywhere "
         f"({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
     )
     return [line]
-
-
-def _number(probability: float) -> str:
-    return f"{probability:.4f}" if probability >= 1e-3 or probability == 0 else f"{probability:.1e}"
 
 
 def _correlation(scenario: Scenario) -> str:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,14 +35,7 @@ from radar_sense.model.radar_constant import (
 from radar_sense.model.radar_equation import LOSSES_KEY, RADARS, SEARCH_FACTORS
 from radar_sense.model.rcs import RCS
 from radar_sense.scenario_file import sections
-from radar_sense.scenario_file.conversion import (
-    KM,
-    PER_KM,
-    covariance_of,
-    on_earth,
-    origin_of,
-    read_named,
-)
+from radar_sense.scenario_file.conversion import KM, PER_KM, covariance_of, on_earth, read_named
 from radar_sense.scenario_file.curve_file import GAIN_COLUMNS, MASK_COLUMNS, read_curve
 from radar_sense.scenario_file.declare import keys_of
 from radar_sense.scenario_file.place import Place
@@ -55,7 +48,7 @@ def radars_of(
     file: sections.File, place: Place, rcs: Mapping[str, RCS], geometry: Geometry
 ) -> list[tuple[Radar, sections.Radar]]:
     """Return each radar, and its section with the digests of its files."""
-    uncertainty, types = place["uncertainty"], _Types(file.types or {}, place["types"])
+    uncertainty, types = place["uncertainty"], partial(_shared, file.types or {}, place["types"])
     if file.radar is not None:
         if file.uncertainty.radar is None:
             raise uncertainty.error("missing key 'radar', required with 'radar'")
@@ -68,7 +61,7 @@ def radars_of(
     stated = file.radars or ()
     for i, radar in enumerate(stated):
         names = [r.name for r in stated[: i + 1]]
-        _refuse_name(names, [*rcs], [*types.stated], place["radars"][i]["name"])
+        _refuse_name(names, [*rcs], [*(file.types or {})], place["radars"][i]["name"])
         _refuse_other_levels(stated[0], radar, place["radars"][i]["uncertainty"])
     return [
         _radar(radar, radar.uncertainty, entry, entry["uncertainty"], rcs, geometry, types)
@@ -113,7 +106,7 @@ def _radar(
     at_levels: Place,
     rcs: Mapping[str, RCS],
     geometry: Geometry,
-    types: _Types,
+    types: Callable[..., dict[str, tuple[Any, Place]]],
 ) -> tuple[Radar, sections.Radar]:
     """Return a radar, and its section with the digests of its files.
 
@@ -130,7 +123,7 @@ def _radar(
     _refuse_detector(stated, place["detector"])
     attenuation = stated.attenuation_db_per_km * PER_KM
     band = _band(stated, place, rcs)
-    shared = types.of(stated, place, list(levels))
+    shared = types(stated, place, list(levels))
     position, turn = _position(stated, place, geometry)
     stated, antenna, mask = _by_direction(stated, place, np.eye(3) if turn is None else turn)
     model = DetectionModel(rcs[band], float(stated.p_fa), stated.detector, attenuation, antenna)
@@ -141,12 +134,14 @@ def _radar(
         name=getattr(stated, "name", ""),
         state=np.array([*position, constant], dtype=float),
         levels={
-            name: _level(level, at_levels[name], sheet, model, turn, shared.get(name))
+            name: _level(
+                level, at_levels[name], sheet, model, turn, stated.type or "", shared.get(name)
+            )
             for name, level in levels.items()
         },
         max_range=math.inf if stated.max_range_km is None else stated.max_range_km * KM,
         min_range=_min_range(stated, sheet, place),
-        horizon=Horizon(origin_of(geometry)) if stated.horizon else None,
+        horizon=Horizon(geometry.origin) if stated.horizon else None,
         scan_period=None if period is None else float(period),
         sheet=sheet,
         band=band,
@@ -207,7 +202,7 @@ def _position(
     """Return north, east, down (3,) [m], and the turn (3, 3) of local axes to the frame, if any."""
     if stated.position_geodetic is None:
         return np.array(stated.position_m), None
-    origin = origin_of(geometry)
+    origin = geometry.origin
     if origin is None:
         raise place["position_geodetic"].error(
             "needs a path whose route is in latitude and longitude, with its geometry.origin; "
@@ -259,7 +254,8 @@ def _level(
     sheet: DataSheet | None,
     model: DetectionModel,
     turn: FloatArray | None,
-    shared: _Shared | None,
+    type_name: str,
+    shared: tuple[Any, Place] | None,
 ) -> Level:
     """Return the uncertainty of a radar at one level, in the frame of the poses.
 
@@ -270,7 +266,8 @@ def _level(
         model: Detection model of the radar.
         turn: Turn (3, 3) to the frame from north, east and down at a radar in latitude and
             longitude, where the file has the covariance; None if they are the same.
-        shared: What the radars of its type share; None without a type.
+        type_name: Type of the radar.
+        shared: What the radars of its type share, and where; None without a type.
     """
     tolerances: tuple[Tolerance, ...] = ()
     if isinstance(stated.constant, sections.Tolerances):
@@ -279,9 +276,15 @@ def _level(
         if not tolerances and (stated.covariance is not None or stated.constant):
             raise (place if stated.constant is None else place["constant"]).error(
                 "must have standard deviations by parameter, or constant: 0, as the radar has a "
-                f"type: the errors of type {shared.type!r} are of parameters too"
+                f"type: the errors of type {type_name!r} are of parameters too"
             )
-        tolerances = shared.beside(tolerances, sheet)
+        of_type, at = shared
+        both = _tolerances(of_type, at, sheet)
+        if twice := {t.key for t in tolerances} & {t.key for t in both}:
+            raise at.error(
+                f"{min(twice)} stands at a radar of this type too; give only one of the two"
+            )
+        tolerances += tuple(dataclasses.replace(t, shared=type_name) for t in both)
     if tolerances:
         assert sheet is not None
         std = sheet.constant * relative_std(tolerances)
@@ -303,46 +306,21 @@ def _level(
     return Level(matrix, tolerances, std_attenuation, stated.tilt_deg * DEG)
 
 
-@dataclass(frozen=True)
-class _Shared:
-    """What the radars of a type share at one level: the section, and its place for errors."""
-
-    type: str
-    stated: Any
-    place: Place
-
-    def beside(self, own: tuple[Tolerance, ...], sheet: DataSheet | None) -> tuple[Tolerance, ...]:
-        """Return the tolerances of a radar and those of its type."""
-        shared = _tolerances(self.stated, self.place, sheet)
-        both = {t.key for t in own} & {t.key for t in shared}
-        if both:
-            raise self.place.error(
-                f"{min(both)} stands at a radar of this type too; give only one of the two"
-            )
-        return (*own, *(dataclasses.replace(t, shared=self.type) for t in shared))
-
-
-@dataclass(frozen=True)
-class _Types:
-    """The errors that radars of a type share: the sections, and their place for errors."""
-
-    stated: sections.Types
-    place: Place
-
-    def of(self, radar: sections.Radar, place: Place, levels: list[str]) -> dict[str, _Shared]:
-        """Return what a radar shares with others of its type, by level; {} without a type."""
-        if radar.type is None:
-            return {}
-        if radar.type not in self.stated:
-            known = ", ".join(self.stated) or "none is there"
-            raise place["type"].error(
-                f"must be one of types ({known}), got {radar.type!r}"
-                + did_you_mean(radar.type, self.stated)
-            )
-        own, at = self.stated[radar.type], self.place[radar.type]
-        if own.keys() != {*levels}:
-            raise at.error(f"must have the levels of its radars: {', '.join(levels)}")
-        return {level: _Shared(radar.type, own[level], at[level]) for level in levels}
+def _shared(
+    types: sections.Types, at: Place, radar: sections.Radar, place: Place, levels: list[str]
+) -> dict[str, tuple[Any, Place]]:
+    """Return what a radar shares with others of its type, and where, by level; {} without one."""
+    if radar.type is None:
+        return {}
+    if radar.type not in types:
+        known = ", ".join(types) or "none is there"
+        raise place["type"].error(
+            f"must be one of types ({known}), got {radar.type!r}" + did_you_mean(radar.type, types)
+        )
+    own, at = types[radar.type], at[radar.type]
+    if own.keys() != {*levels}:
+        raise at.error(f"must have the levels of its radars: {', '.join(levels)}")
+    return {level: (own[level], at[level]) for level in levels}
 
 
 # Data sheets.

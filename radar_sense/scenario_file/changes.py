@@ -11,7 +11,7 @@ import re
 
 import yaml
 
-from radar_sense.errors import InputError, shorten
+from radar_sense.errors import InputError, describe
 from radar_sense.scenario_file.place import NO_TAG, compose
 
 _PART = re.compile(r"[^.\[\]]+|\[[0-9]{1,4}\]")
@@ -48,7 +48,7 @@ def changed(root: yaml.Node, path: str, value: str) -> yaml.Node:
             keys, items = [key.value for key, _ in node.value], node.value
             place = keys.index(part) if part in keys else len(keys)
         else:
-            raise InputError(f"{option}: {shorten(str(node.value))} has no key {part!r}")
+            raise InputError(f"{option}: {describe(str(node.value))} has no key {part!r}")
         found = items[place : place + 1]
         if parts:
             empty = yaml.MappingNode(NO_TAG[yaml.MappingNode], [], new.start_mark)

@@ -10,7 +10,6 @@ from typing import TypeVar
 import numpy as np
 
 from radar_sense import covariance
-from radar_sense.flight import Geometry, Path
 from radar_sense.limits import DEG
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.place import Place
@@ -22,11 +21,6 @@ N = TypeVar("N", sections.DataFile, sections.Table, sections.Path)
 
 #: One kilometre in metres, and one per kilometre in one per metre.
 KM, PER_KM = 1e3, 1e-3
-
-
-def origin_of(geometry: Geometry) -> tuple[float, float, float] | None:
-    """Return the origin of the frame on the earth; None if the frame is flat."""
-    return geometry.origin if isinstance(geometry, Path) else None
 
 
 def on_earth(place: sections.Geodetic) -> tuple[float, float, float]:

@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from radar_sense.errors import InputError, did_you_mean, shorten
+from radar_sense.errors import InputError, describe, did_you_mean
 from radar_sense.limits import ANY, LARGEST, NOT_NEGATIVE, SMALLEST, Limit, Text
 from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.text_file import NOT_FINITE, NUMBER, advice
@@ -229,7 +229,7 @@ def _unknown(
     hint = f"; it is a key of {', '.join(owners)}" if owners else ""
     meant = allowed if at.is_set else [other for other in allowed if other not in place.items()]
     return at.error(
-        f"unknown key {shorten(name)}, allowed: {', '.join(allowed)}"
+        f"unknown key {describe(name)}, allowed: {', '.join(allowed)}"
         + (hint or did_you_mean(name, meant))
     )
 

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import yaml
 
-from radar_sense.errors import InputError, shorten
+from radar_sense.errors import InputError, describe
 from radar_sense.scenario_file.text_file import NUMBER
 
 #: Tags of values without a tag in the file. `BaseLoader` gives no others.
@@ -32,7 +32,7 @@ class Place:
 
     def __post_init__(self) -> None:
         if self.node.tag != NO_TAG[type(self.node)]:
-            raise self.error(f"tags are not supported, got {shorten(self.node.tag)}")
+            raise self.error(f"tags are not supported, got {describe(self.node.tag)}")
 
     def error(self, message: str) -> InputError:
         """Return the error to raise about this value."""
@@ -62,7 +62,7 @@ class Place:
             return "a mapping" if self.is_mapping else f"a list of {len(self.node.value)}"
         if self.plain and len(self.plain) <= 40 and NUMBER.fullmatch(self.plain):
             return self.plain
-        return shorten(self.text) if self.text else "nothing"
+        return describe(self.text) if self.text else "nothing"
 
     @property
     def is_set(self) -> bool:
@@ -98,7 +98,7 @@ class Place:
                 raise key.error("keys must be plain words")
             if key.text in pairs:
                 first = pairs[key.text][0].node.start_mark.line + 1
-                raise key.error(f"duplicate key {shorten(key.text)}, first on line {first}")
+                raise key.error(f"duplicate key {describe(key.text)}, first on line {first}")
             path = f"{self.path}.{key.text}".lstrip(".")
             pairs[key.text] = key, Place(value, path, self.file)
         return pairs

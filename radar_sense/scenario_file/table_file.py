@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.errors import InputError, did_you_mean, shorten
+from radar_sense.errors import InputError, describe, did_you_mean
 from radar_sense.limits import Limit
 from radar_sense.scenario_file.text_file import MAX_LETTERS, NUMBER, TextFile, number, open_text
 from radar_sense.states import FloatArray
@@ -89,14 +89,14 @@ class TableFile:
             )
         for i, name in enumerate(self.names):
             if name in self.names[:i]:
-                raise self.error(f"duplicate column {shorten(name)}")
+                raise self.error(f"duplicate column {describe(name)}")
             if name in columns:
                 continue
             suggestion = did_you_mean(name[:MAX_LETTERS], set(columns) - set(self.names))
             words = re.split("[,;\t]", ",".join(self.names))
             shown = suggestion or any(word.strip() in columns for word in words)
             raise self.error(
-                (f"unknown column {shorten(name)}" if shown else "names none of the columns")
+                (f"unknown column {describe(name)}" if shown else "names none of the columns")
                 + f", allowed: {allowed}{suggestion}"
                 + ("; columns are separated by commas or semicolons" if "\t" in name else "")
                 + ("; the first line must name the columns" if NUMBER.fullmatch(name) else "")
@@ -212,7 +212,7 @@ class TableFile:
                     before, here = ("comma", "point") if mark == "," else ("point", "comma")
                     raise self.error(
                         f"{name}: must have no decimal {here}, because numbers before have a "
-                        f"decimal {before}, got {shorten(cell)}",
+                        f"decimal {before}, got {describe(cell)}",
                         line,
                     )
         return mark

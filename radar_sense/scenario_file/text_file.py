@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from radar_sense.errors import InputError, describe, reason, shorten
+from radar_sense.errors import InputError, describe, reason
 from radar_sense.limits import Limit
 
 #: Longest line [bytes]. The longest line that a program writes has 28 numbers, under 1 KiB.
@@ -166,7 +166,7 @@ def number(text: str, limit: Limit, place: str) -> float:
         return float(text)
     if NOT_FINITE.fullmatch(text):
         raise InputError(f"{place}: must be finite, got {text}")
-    got = "nothing" if not text else text if plain and len(text) <= 40 else shorten(text)
+    got = "nothing" if not text else text if plain and len(text) <= 40 else describe(text)
     raise InputError(f"{place}: must be {limit}, got {got}{advice(text, limit)}")
 
 

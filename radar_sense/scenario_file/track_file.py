@@ -21,7 +21,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.errors import InputError, shorten
+from radar_sense.errors import InputError, describe
 from radar_sense.limits import DEG, Limit
 from radar_sense.scenario_file.table_file import MAX_ROWS, TableFile
 from radar_sense.scenario_file.text_file import MAX_LETTERS, FileError, number, open_text
@@ -176,7 +176,7 @@ class _GpxReader:
     def _declared(self, version: str, encoding: str | None, standalone: int) -> None:
         if encoding is not None and encoding.lower() not in _ENCODINGS:
             raise self._error(
-                f"encoding: must be one of {', '.join(_ENCODINGS)}, got {shorten(encoding)}"
+                f"encoding: must be one of {', '.join(_ENCODINGS)}, got {describe(encoding)}"
             )
 
     def _doctype(self, *_: Any) -> NoReturn:
@@ -231,8 +231,8 @@ def _seconds(place: str, text: str) -> float:
     words = _TIME.fullmatch(text)
     if words is not None and words[1].endswith(":60"):
         raise InputError(
-            f"{place}: is a leap second, which seconds since 1970 do not have, got {shorten(text)};"
-            " leave the point out"
+            f"{place}: is a leap second, which seconds since 1970 do not have, got "
+            f"{describe(text)}; leave the point out"
         )
     try:
         if words is None:
@@ -242,7 +242,7 @@ def _seconds(place: str, text: str) -> float:
     except ValueError as error:
         raise InputError(
             f"{place}: must be a date and time with its zone, as 2026-11-22T07:08:00Z, "
-            f"got {shorten(text)}"
+            f"got {describe(text)}"
         ) from error
 
 
@@ -284,7 +284,7 @@ def read_state_vectors(file: TableFile, *, pressure: bool, icao24: str | None) -
         addresses.add(address)
         if len(addresses) > 1:
             raise file.error(
-                f"icao24: must be one aircraft, got {shorten(address)} too; geometry.icao24 "
+                f"icao24: must be one aircraft, got {describe(address)} too; geometry.icao24 "
                 "chooses one",
                 line,
             )

@@ -205,7 +205,7 @@ def test_a_band_that_is_off_is_warned_of():
     s = tracking(rcs={"model": "spikeball", "lobes": 8, "amplitude_m2": 1, "floor_m2": 0.001},
                  uncertain={"attitude_deg": [0, 0, 6]})  # fmt: skip
     (text,) = rs.analyses.detectors(s, p_d=0.9, method="linear").warnings
-    assert text == ("the linear band of the margin is off by over 0.25 dB at 0 deg [band-off]")
+    assert text == ("the linear band of the margin is off at 0 deg by over 0.25 dB [band-off]")
 
 
 @pytest.mark.parametrize("method", ["linear", "form"])

@@ -218,7 +218,7 @@ def test_a_figure_that_fails_loses_no_numbers(tool, fake, monkeypatch):
     assert code == 1
     assert "figures/paper_fake.csv" in out.splitlines()
     assert len(err.splitlines()) == 1
-    assert err.startswith("Error: the figure could not be drawn (RuntimeError: latex could not be")
+    assert err.startswith("Error: the figure of fake could not be drawn (RuntimeError: latex ")
     assert sorted(content("figures")) == ["paper_fake.csv", "paper_fake.json"]
     assert content("figures")["paper_fake.csv"].startswith(b"x\n")
 

@@ -44,8 +44,8 @@ REFUSED = {
     "convergence --runs 1e6": "runs",
     "convergence --sampler sobol": "--sampler",
     "mission --method form": "mission has no option --method",
-    "sweep radar.constant 5": "sweep needs [CONFIG] KEY START STOP STEP, got radar.constant 5\n",
-    "sweep radar.constant a 5 1": "Error: START must be a number, got 'a'\n",
+    "sweep radar.constant 5": "sweep needs [CONFIG] KEY START STOP STEP\n",
+    "sweep radar.constant a 5 1": "START': must be a number, got 'a'\n",
     "sweep radar.constant 1 5 1 --stepp 3": "--stepp",
     "init --from paperr": "did you mean 'paper'?",
     # options that need or exclude each other
