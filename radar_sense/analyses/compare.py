@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -111,19 +110,21 @@ def compare(
         f"  {'':10} {f'{k:g}-sigma bounds':28}{'sigma':28}{'mean'}",
     ]
     largest: dict[str, Any] = {}
-    within: dict[str, float] = {}
     told = []
     for method, m in moments.items():
         found = {name: _difference(m, drawn, error, ends, axis) for name, ends in COMPARED.items()}
         largest[method] = {name: words.peak(far, axis) for name, (far, *_) in found.items()}
         cells = "".join(f"{text:28}" for *_, text in found.values())
         result.report.append(f"  {method:10} {cells.rstrip()}")
-        *_, within[method], _ = found["bounds"]
-        if not plain and any(tells for _, tells, *_ in found.values()):
+        if not plain and any(tells for _, tells, _ in found.values()):
             told.append(method)
     missing = {
         method: ~np.isfinite(m.mean + m.std + m.lower + m.upper) for method, m in moments.items()
     }
+    if not plain:
+        noise = words.peak(ERRORS * np.maximum(error.lower, error.upper), axis)
+        shown = words.describe_extreme(noise, axis)
+        result.report.append(f"noise of the draws: up to {shown} in a bound")
     # a method that has no value at a pose is not nearest, and no draws would tell it from the truth
     whole = [method for method in moments if not missing[method].any()]
     unknown = [method for method in whole if method not in told]
@@ -142,10 +143,8 @@ def compare(
     else:
         farthest = {m: words.probability(largest[m]["bounds"]["value"]) for m in whole}
         best = [m for m in whole if farthest[m] == min(farthest.values(), key=float)]
-        off = words.probability(max(within[method] for method in best))
-        result.report.insert(
-            0, f"nearest to {draws:,} draws a pose: {words.listed(best)}, bounds within {off}"
-        )
+        nearest = f"nearest to {draws:,} draws a pose: {words.listed(best)}"
+        result.report.insert(0, f"{nearest}, bounds within {farthest[best[0]]}")
     result.summary |= {
         "runs": draws,
         "k": k,
@@ -178,11 +177,11 @@ def _draw_tails(scenario: Scenario, k: float) -> tuple[int, DrawStatistics, Draw
 
 def _difference(
     m: Moments, drawn: DrawStatistics, error: DrawStatistics, names: Sequence[str], axis: Axis
-) -> tuple[FloatArray, bool, float, str]:
+) -> tuple[FloatArray, bool, str]:
     """Return the largest difference (n,) of values from those by draws, NaN without a value.
 
-    Whether the draws tell a difference from their noise at any pose follows, the largest difference
-    that they do not exclude, and what they tell in words.
+    Whether the draws tell a difference from their noise at any pose follows, and the largest in
+    words.
     """
     values, by_draws, noise = (
         np.stack([getattr(x, name) for name in names]) for x in (m, drawn, error)
@@ -190,13 +189,9 @@ def _difference(
     distance, noise = abs(values - by_draws), np.maximum(ERRORS * noise, words.SHOWN)
     largest, told = distance.max(axis=0), (distance > noise).any(axis=0)
     if np.isnan(largest).all():
-        return largest, False, math.nan, "undefined"
-    within = float(np.nanmax(distance + noise))
-    if told.any():
-        text = words.describe_extreme(words.peak(np.where(told, largest, np.nan), axis), axis)
-    else:
-        text = f"none above {words.probability(within)}"
-    return largest, bool(told.any()), within, text
+        return largest, False, "undefined"
+    text = words.describe_extreme(words.peak(largest, axis), axis)
+    return largest, bool(told.any()), text if told.any() else f"{text} (noise)"
 
 
 def _draw(

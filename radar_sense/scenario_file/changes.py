@@ -32,7 +32,7 @@ def changed(root: yaml.Node, path: str, value: str) -> yaml.Node:
     Raises:
         InputError: If the path is none or leads nowhere, or the value is not valid YAML.
     """
-    option = f"--set {path}={value}"
+    option = f"{path}={value}"
     if not _PATH.fullmatch(path):
         raise InputError(f"{option}: write a key before the =, such as radar.p_fa=1e-6")
     try:

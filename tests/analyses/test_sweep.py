@@ -144,8 +144,7 @@ def test_set_on_the_command_line(tool):
         ("radar.constant", "Error: --set radar.constant: must be KEY=VALUE\n"),
         (
             "radar.constant=x",
-            "Error: --set radar.constant=x: radar.constant: must be a number greater than 0, "
-            "got 'x'\n",
+            "Error: radar.constant=x: radar.constant: must be a number greater than 0, got 'x'\n",
         ),
     ):
         code, _, err = tool("variance", "--set", text)

@@ -90,7 +90,7 @@ REFUSED = {
     "map --step-km 5000": "longer than a side",
     "map --north-km -1e-9 1e-9 --east-km -1e-9 1e-9": "step must be",
     "sweep radar.constnt 100 200 50": "unknown key 'constnt'",
-    "sweep radar.constant 0 200 50": "--set radar.constant=0: radar.constant: must be",
+    "sweep radar.constant 0 200 50": "radar.constant=0: radar.constant: must be",
     "sweep radar.constant 100 200 0": "step must be a step other than 0 that leads from 100 to 200",
     "sweep radar.constant 100 200 0.01": "step makes 10,001 values, allowed are 1,000",
     "variance --radar a": "radar 'a' cannot be chosen: this scenario has a single radar, not a net",
