@@ -65,16 +65,12 @@ def _suspects(matrices: FloatArray) -> NDArray[np.intp]:
                 return np.zeros(0, dtype=np.intp)
         except np.linalg.LinAlgError:  # not definite, and semidefinite is enough
             pass
-    unit = np.eye(matrices.shape[-1])
     wrong = np.asarray(~np.isfinite(matrices).all(axis=(-2, -1)))
-    known = np.where(wrong[:, np.newaxis, np.newaxis], unit, matrices)
-    asymmetry = abs(known - np.swapaxes(known, -1, -2))
-    variances = np.diagonal(known, axis1=-2, axis2=-1)
-    std = np.sqrt(abs(variances))
-    rounding = TOLERANCE * std[:, :, np.newaxis] * std[:, np.newaxis, :]
-    wrong |= (asymmetry > rounding).any(axis=(-2, -1)) | np.any(variances < 0, axis=-1)
-    wrong |= np.any((variances == 0)[..., np.newaxis] & (known != 0), axis=(-2, -1))
-    correlation = _correlation(np.where(wrong[:, np.newaxis, np.newaxis], unit, known))
+    correlation = _correlation(np.where(wrong[:, np.newaxis, np.newaxis], 0.0, matrices))
+    asymmetry = abs(correlation - np.swapaxes(correlation, -1, -2)).max(axis=(-2, -1))
+    certain = np.diagonal(matrices, axis1=-2, axis2=-1) == 0
+    wrong |= asymmetry > TOLERANCE
+    wrong |= (certain[..., np.newaxis] & (matrices != 0)).any(axis=(-2, -1))
     wrong |= np.linalg.eigvalsh(correlation)[:, 0] < -TOLERANCE
     return np.flatnonzero(wrong)
 
@@ -232,9 +228,7 @@ def symmetric_square_root(covariance: FloatArray) -> FloatArray:
     return sqrt_cov
 
 
-def draws(
-    mean: FloatArray, sqrt_cov: FloatArray, normals: FloatArray, *, overwrite: bool = False
-) -> FloatArray:
+def draws(mean: FloatArray, sqrt_cov: FloatArray, normals: FloatArray) -> FloatArray:
     """Return draws (..., n) with covariance F Fᵀ from independent unit normals (..., r).
 
     The sums are explicit, because the rounding of a matrix product depends on the BLAS library and
@@ -244,15 +238,13 @@ def draws(
         mean: Mean of the draws, which broadcasts with the draws.
         sqrt_cov: F (n, r), or (k, n, r) with one F for each of k poses of draws (..., k, r).
         normals: Independent unit normals (..., r).
-        overwrite: Whether to overwrite the unit normals, to save memory.
     """
     n, r = sqrt_cov.shape[-2:]
     others = range(sqrt_cov.ndim - 2)
     present = np.asarray(sqrt_cov.any(axis=tuple(others)))
     entries = sqrt_cov.transpose(-2, -1, *others)
     means, components = components_first(mean), components_first(normals)
-    in_place = overwrite and n == r and not np.any(present & ~np.eye(n, dtype=bool))
-    drawn = components if in_place else np.empty((n, *normals.shape[:-1]))
+    drawn = np.empty((n, *normals.shape[:-1]))
     for i, (out, used) in enumerate(zip(drawn, present.tolist(), strict=True)):
         columns = [j for j in range(r) if used[j]]
         if not columns:
@@ -273,7 +265,7 @@ def component_first(matrices: FloatArray) -> FloatArray:
 
 
 def _correlation(covariance: FloatArray) -> FloatArray:
-    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    std = np.sqrt(abs(np.diagonal(covariance, axis1=-2, axis2=-1)))
     std = np.where(std > 0, std, 1.0)
     correlation: FloatArray = covariance / (std[..., :, np.newaxis] * std[..., np.newaxis, :])
     return correlation

@@ -154,10 +154,10 @@ class PulseDetector:
         "binary", "Detection by m of n looks, or None.", BinaryIntegration, default=None
     )
 
+    #: Shape of the distribution of a cross section; infinite for a steady one.
+    degree: ClassVar[float] = math.inf
     #: Whether the cross section is the same for all pulses of a scan, yet random.
     slow: ClassVar[bool] = False
-    #: Whether the power of a pulse is exponential.
-    exponential: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -166,7 +166,7 @@ class PulseDetector:
                 "binary needs pulses that fluctuate independently, or not at all: it is for "
                 "marcum, swerling2 and swerling4"
             )
-        if isinstance(self.cfar, OrderedStatistics) and not (self.exponential and self.pulses == 1):
+        if isinstance(self.cfar, OrderedStatistics) and not (self.degree == 1 and self.pulses == 1):
             raise InputError(
                 "cfar ordered_statistics is for swerling1 and swerling2 with one pulse; "
                 "cell_averaging is for all"
@@ -200,7 +200,7 @@ class PulseDetector:
     @property
     def shape(self) -> float:
         """Shape K of the count of the signal in `integration`."""
-        raise NotImplementedError
+        return self.degree if self.slow else self.degree * self.pulses
 
 
 @detector("marcum")
@@ -212,11 +212,6 @@ class Marcum(PulseDetector):
     Trans. IT-6(2), 1960).
     """
 
-    @property
-    def shape(self) -> float:
-        """Shape K of the count of the signal in `integration`."""
-        return math.inf
-
 
 @detector("swerling1")
 @dataclass(frozen=True)
@@ -227,13 +222,8 @@ class Swerling1(PulseDetector):
     mean of Marcum's P_D over an exponential distribution of S.
     """
 
+    degree: ClassVar[float] = 1.0
     slow: ClassVar[bool] = True
-    exponential: ClassVar[bool] = True
-
-    @property
-    def shape(self) -> float:
-        """Shape K of the count of the signal in `integration`."""
-        return 1.0
 
 
 @detector("swerling2")
@@ -242,11 +232,6 @@ class Swerling2(Swerling1):
     """Swerling's case 2: case 1 with a new cross section at each pulse."""
 
     slow: ClassVar[bool] = False
-
-    @property
-    def shape(self) -> float:
-        """Shape K of the count of the signal in `integration`."""
-        return float(self.pulses)
 
 
 @detector("swerling3")
@@ -259,12 +244,8 @@ class Swerling3(PulseDetector):
     ratios t with the density (4t/S²) exp(−2t/S).
     """
 
+    degree: ClassVar[float] = 2.0
     slow: ClassVar[bool] = True
-
-    @property
-    def shape(self) -> float:
-        """Shape K of the count of the signal in `integration`."""
-        return 2.0
 
 
 @detector("swerling4")
@@ -273,11 +254,6 @@ class Swerling4(Swerling3):
     """Swerling's case 4: case 3 with a new cross section at each pulse."""
 
     slow: ClassVar[bool] = False
-
-    @property
-    def shape(self) -> float:
-        """Shape K of the count of the signal in `integration`."""
-        return 2.0 * self.pulses
 
 
 def linearize(detector: Detector, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:

@@ -135,36 +135,19 @@ def attitude_of_motion(
 
 
 def turn_to_origin(
-    source: str,
-    time: FloatArray,
-    place: FloatArray,
-    attitude: FloatArray,
-    covariance: FloatArray | None,
-    origin: tuple[float, ...],
+    place: FloatArray, attitude: FloatArray, origin: tuple[float, ...]
 ) -> FloatArray:
-    """Return attitudes (n, 3) [rad] in the frame of the origin, and turn covariances in place.
-
-    An error of position turns level too, by 0.001° for 100 m. This turn is neglected.
+    """Return attitudes (n, 3) [rad] in the frame of the origin.
 
     Args:
-        source: Name of the track in errors.
-        time: Time of each pose (n,) [s], for errors.
         place: Latitude, longitude [rad] and height [m] (n, 3).
         attitude: Attitudes (n, 3) [rad] relative to north, east and down at the aircraft.
-        covariance: C_aa (n, 6, 6) relative to the same axes, overwritten; or None.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m].
-
-    Raises:
-        InputError: If the nose points straight up or down in the frame of the origin, where roll
-            and yaw have no covariance.
     """
     turned = np.empty_like(attitude)
     for block in slices(len(attitude)):
         turn = geodesy.turn_to_origin(place[block], origin)
         turned[block] = geodesy.turned_attitude(attitude[block], turn)
-        if covariance is not None:
-            part, ends = covariance[block], (attitude[block], turned[block], turn)
-            covariance[block] = _turned(part, _jacobian(source, time[block], part, *ends))
     return turned
 
 
@@ -175,8 +158,11 @@ def covariance_in_frame(
     origin: tuple[float, ...],
     *,
     back: bool = False,
+    source: str = "geometry",
 ) -> FloatArray:
     """Return C_aa of each pose (n, 6, 6) in the frame of an origin.
+
+    An error of position turns level too, by 0.001° for 100 m. This turn is neglected.
 
     Args:
         covariance: C_aa (6, 6) or (n, 6, 6), relative to north, east and down at the aircraft.
@@ -185,14 +171,16 @@ def covariance_in_frame(
         origin: Latitude, longitude [rad] and height above the ellipsoid [m].
         back: Whether the covariance is turned the other way: from the frame of the origin to north,
             east and down at the aircraft.
+        source: Name of the track in errors.
 
     Raises:
-        InputError: If the nose points straight up or down in the axes that are turned to.
+        InputError: If the nose points straight up or down in the axes that are turned to, where
+            roll and yaw have no covariance.
     """
     found = np.array(np.broadcast_to(covariance, (len(time), *covariance.shape[-2:])))
     for block, ends in _axes(aircraft, origin, back=back):
         part = found[block]
-        found[block] = _turned(part, _jacobian("geometry", time[block], part, *ends))
+        found[block] = _turned(part, _jacobian(source, time[block], part, *ends))
     return without_rounding(found)
 
 

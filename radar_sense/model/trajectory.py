@@ -158,7 +158,7 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
             place = geodesy.geodetic_from_ned(position, route.origin)
         attitude = attitude_of_motion("route", place, velocity, acceleration, route.origin)
         if route.origin is not None:
-            attitude = turn_to_origin("route", time, place, attitude, None, route.origin)
+            attitude = turn_to_origin(place, attitude, route.origin)
     aircraft = np.hstack([position, attitude])
     covariance = _covariance(route, time, aircraft)
     return Route(time, aircraft, covariance, route.attitude_given, route.origin)

@@ -38,6 +38,7 @@ from radar_sense.model import geodesy
 from radar_sense.model.track import (
     ATTITUDE_COLUMNS,
     attitude_of_motion,
+    covariance_in_frame,
     motion_of_samples,
     turn_to_origin,
 )
@@ -199,9 +200,11 @@ def read_route(
         velocity, acceleration = motion_of_samples(time, position)
         attitude = attitude_of_motion(track.source, place, velocity, acceleration, origin)
     if origin is not None:
-        attitude = turn_to_origin(track.source, time, place, attitude, track.covariance, origin)
-    aircraft = np.hstack([position, attitude])
-    return Route(time, aircraft, track.covariance, track.attitude is not None, origin), digest
+        attitude = turn_to_origin(place, attitude, origin)
+    aircraft, covariance = np.hstack([position, attitude]), track.covariance
+    if origin is not None and covariance is not None:
+        covariance = covariance_in_frame(covariance, time, aircraft, origin, source=track.source)
+    return Route(time, aircraft, covariance, track.attitude is not None, origin), digest
 
 
 def _read(path: str | Path, stated: sections.Path) -> tuple[Track, str]:
