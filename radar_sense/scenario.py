@@ -286,14 +286,10 @@ class Scenario:
         cov_radar = covariance.block_diagonal([r.covariance(self.level) for r in self.radars])
         bands, of_rcs = np.array(self.bands), component(RCS_ERROR, m)
         cov_radar[of_rcs, of_rcs] = np.outer(rcs_std, rcs_std) * np.equal.outer(bands, bands)
-        nominal = geometry.aircraft, with_errors(self.radar, m)[np.newaxis]
-        covariances = (
-            geometry.covariance.reshape(-1, len(AIRCRAFT), len(AIRCRAFT)),
-            cov_radar[np.newaxis],
-        )
-        return UncertainStates.of(
-            self.model, nominal, covariances, self.tolerances, self.seed, self.runs
-        )
+        radar, covariances = with_errors(self.radar, m), (geometry.covariance, cov_radar)
+        nominal = self.model, geometry.aircraft, radar[np.newaxis]
+        states = UncertainStates(*nominal, *covariances, ((),) * m, self.seed, self.runs)
+        return states.with_covariances(*covariances, self.tolerances)
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
         """Return the scenario with only some poses.

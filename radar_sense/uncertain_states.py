@@ -78,33 +78,6 @@ class UncertainStates:
     runs: int = 500
     whole: UncertainStates | None = None
 
-    @classmethod
-    def of(
-        cls,
-        model: NetworkModel,
-        nominal: tuple[FloatArray, FloatArray],
-        covariances: tuple[FloatArray, FloatArray],
-        tolerances: Sequence[Sequence[Tolerance]],
-        seed: int = 1,
-        runs: int = 500,
-    ) -> UncertainStates:
-        """Make uncertain states from arrays that have been checked.
-
-        Args:
-            model: The network of m radars.
-            nominal: States of the aircraft (k, 6) and of the radars (k, 7m).
-            covariances: C_aa (k, 6, 6) and C_rr (k, 7m, 7m). The variances of a c_r with tolerances
-                follow from the tolerances, and may have any value here.
-            tolerances: Tolerances of each radar (m,).
-            seed: Seed of draws.
-            runs: Draws at each pose of the method `montecarlo`.
-        """
-        by_radar = tuple(map(tuple, tolerances))
-        aircraft, radar = covariances
-        if any(by_radar):
-            radar = _with_tolerances(nominal[1], radar, by_radar)
-        return cls(model, *nominal, aircraft, radar, by_radar, seed, runs)
-
     def __len__(self) -> int:
         """Number of poses."""
         lengths = [len(array) for array in self._arrays]
@@ -140,7 +113,7 @@ class UncertainStates:
             yield self
             return
         for start in range(0, len(self), size):
-            yield self._with(*(a if len(a) == 1 else a[start : start + size] for a in self._arrays))
+            yield self.at(slice(start, start + size))
 
     def at(self, rows: NDArray[np.intp] | slice) -> UncertainStates:
         """Return the states of some poses."""
@@ -148,7 +121,15 @@ class UncertainStates:
         def some(array: FloatArray) -> FloatArray:
             return array if len(array) == 1 < len(self) else array[rows]
 
-        part = self._with(*map(some, self._arrays))
+        aircraft, radar, cov_aircraft, cov_radar = map(some, self._arrays)
+        part = replace(
+            self,
+            aircraft=aircraft,
+            radar=radar,
+            cov_aircraft=cov_aircraft,
+            cov_radar=cov_radar,
+            whole=self if self.whole is None else self.whole,
+        )
         roots = ("sqrt_cov_aircraft", "sqrt_cov_radar")
         vars(part).update({name: some(vars(self)[name]) for name in roots if name in vars(self)})
         return part
@@ -159,11 +140,16 @@ class UncertainStates:
         cov_radar: FloatArray,
         tolerances: Sequence[Sequence[Tolerance]],
     ) -> UncertainStates:
-        """Return the states with other covariances (n, n) or (k, n, n), and other tolerances."""
+        """Return the states with other covariances (n, n) or (k, n, n), and other tolerances.
+
+        The variances of a c_r with tolerances follow from these, whatever C_rr has.
+        """
         aircraft, radar = (c[np.newaxis] if c.ndim == 2 else c for c in (cov_aircraft, cov_radar))
-        nominal = self.aircraft, self.radar
-        return UncertainStates.of(
-            self.model, nominal, (aircraft, radar), tolerances, self.seed, self.runs
+        by_radar = tuple(map(tuple, tolerances))
+        if any(by_radar):
+            radar = _with_tolerances(self.radar, radar, by_radar)
+        return replace(
+            self, cov_aircraft=aircraft, cov_radar=radar, tolerances=by_radar, whole=None
         )
 
     def of_radars(
@@ -171,13 +157,13 @@ class UncertainStates:
     ) -> UncertainStates:
         """Return the states of some radars alone, with a model of them that is known to hold."""
         own = np.concatenate([np.arange(of_radar(i).start, of_radar(i).stop) for i in numbers])
-        return UncertainStates.of(
-            model or NetworkModel(tuple(self.model.radars[i] for i in numbers)),
-            (self.aircraft, self.radar[:, own]),
-            (self.cov_aircraft, self.cov_radar[:, own[:, np.newaxis], own]),
-            [self.tolerances[i] for i in numbers],
-            self.seed,
-            self.runs,
+        return replace(
+            self,
+            model=model or NetworkModel(tuple(self.model.radars[i] for i in numbers)),
+            radar=self.radar[:, own],
+            cov_radar=self.cov_radar[:, own[:, np.newaxis], own],
+            tolerances=tuple(self.tolerances[i] for i in numbers),
+            whole=None,
         )
 
     @cached_property
@@ -294,17 +280,6 @@ class UncertainStates:
                 gradient[:, last + number] += by_log[:, i] * tolerance.slope
         return gradient
 
-    def _with(self, *arrays: FloatArray) -> UncertainStates:
-        aircraft, radar, cov_aircraft, cov_radar = arrays
-        return replace(
-            self,
-            aircraft=aircraft,
-            radar=radar,
-            cov_aircraft=cov_aircraft,
-            cov_radar=cov_radar,
-            whole=self if self.whole is None else self.whole,
-        )
-
     @cached_property
     def _arrays(self) -> tuple[FloatArray, ...]:
         return self.aircraft, self.radar, self.cov_aircraft, self.cov_radar
@@ -403,5 +378,5 @@ def uncertain_states(
             array = np.broadcast_to(array, shape + tail)
         return array.reshape(-1, *tail)
 
-    nominal, covariances = (rows(x_a, 1), rows(x_r, 1)), (rows(c_aa, 2), rows(c_rr, 2))
-    return shape, UncertainStates.of(model, nominal, covariances, ((),) * m)
+    arrays = rows(x_a, 1), rows(x_r, 1), rows(c_aa, 2), rows(c_rr, 2)
+    return shape, UncertainStates(model, *arrays, ((),) * m)

@@ -25,7 +25,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, pdtrc
 
 from radar_sense.acceptance import refinement
@@ -55,17 +55,28 @@ class ThresholdTest:
         upper: The bound (n,), NaN without a bound.
         violated: Where P_max is exceeded (n,).
         unknown: Where the test has no answer (n,).
-        above: Length of the path with the bound above P_max, in the unit of the coordinate. Steps
-            to and from a pose without a bound are counted.
-        total: Length of the path, in the unit of the coordinate.
+        coordinate: Time [s] of each pose (n,), azimuth [deg] on an orbit or range [km], in order.
     """
 
     p_max: float
     upper: FloatArray
     violated: NDArray[np.bool_]
     unknown: NDArray[np.bool_]
-    above: float
-    total: float
+    coordinate: FloatArray
+
+    @property
+    def above(self) -> float:
+        """Length of the path with the bound above P_max, in the unit of the coordinate.
+
+        The bound is taken to be linear between poses. Steps to and from a pose without a bound are
+        counted.
+        """
+        return math.fsum(abs(np.diff(self.coordinate)) * _share_above(self.margin))
+
+    @property
+    def total(self) -> float:
+        """Length of the path, in the unit of the coordinate."""
+        return abs(float(self.coordinate[-1] - self.coordinate[0]))
 
     @property
     def margin(self) -> FloatArray:
@@ -96,39 +107,6 @@ class ThresholdTest:
     def worst(self) -> int:
         """The pose with the least margin, or the first without a bound."""
         return int(np.argmin(np.where(np.isnan(self.margin), -np.inf, self.margin)))
-
-
-def threshold_test(
-    upper: ArrayLike,
-    p_max: float,
-    coordinate: ArrayLike,
-    *,
-    violated: ArrayLike | None = None,
-    unknown: ArrayLike = False,
-) -> ThresholdTest:
-    """Test an upper bound of P_D against a threshold along a path.
-
-    The bound is assumed to be linear between poses.
-
-    Args:
-        upper: The upper bound (n,): P_D + kσ, or `Band.upper` at β = k.
-        p_max: P_max, greater than 0 and at most 1.
-        coordinate: Time [s] of each pose (n,), or azimuth on an orbit [deg], in order.
-        violated: Where (n,) the test is violated; None for where the bound is above P_max.
-        unknown: Where (n,) the test has no answer.
-    """
-    upper, coordinate = np.asarray(upper, dtype=float), np.asarray(coordinate, dtype=float)
-    margin = p_max - upper
-    exceeded = margin < 0 if violated is None else np.asarray(violated, dtype=bool)
-    without = ~np.isfinite(margin) if violated is None else np.zeros(upper.shape, dtype=bool)
-    return ThresholdTest(
-        p_max=p_max,
-        upper=upper,
-        violated=exceeded,
-        unknown=(without | np.asarray(unknown, dtype=bool)) & ~exceeded,
-        above=math.fsum(abs(np.diff(coordinate)) * _share_above(margin)),
-        total=abs(float(coordinate[-1] - coordinate[0])),
-    )
 
 
 def _share_above(margin: FloatArray) -> FloatArray:
@@ -252,12 +230,7 @@ def path_test(scenario: Scenario, method: str, p_max: float, k: float, band: Ban
         violated, unknown = exceeds & decision.violated, ~exceeds & ~decision.holds
         unknown |= (exceeds & ~decision.violated) | np.isnan(upper)
     far = attitude_off(path.scenario) > BOUND_CHANGE
-    violated, unknown = violated & ~far, unknown | far | (not path.resolved)
-    test = threshold_test(
-        upper,
-        p_max,
-        path.scenario.geometry.coordinate,
-        violated=violated | certain,
-        unknown=unknown,
-    )
+    violated, unknown = (violated & ~far) | certain, unknown | far | (not path.resolved)
+    place = path.scenario.geometry.coordinate
+    test = ThresholdTest(p_max, upper, violated, unknown & ~violated, place)
     return PathTest(path, test, decision, by_draws, far)

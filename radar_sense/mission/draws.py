@@ -63,7 +63,7 @@ def draw_missions(
         normals = generator.standard_normal((times, len(AIRCRAFT), runs_per_block))
         rows = slice(min(runs_per_block, runs - block * runs_per_block))
         radar, negative = sampler.draw_radar(radar_normals[rows])
-        poses = looks.process.poses(normals[..., rows])
+        poses = looks.poses(normals[..., rows])
         states = of_each(radar, len(scenario.radars))
         p_d = [looks.p_d(i, poses, s[:, np.newaxis]) for i, s in enumerate(states)]
         statistics = []

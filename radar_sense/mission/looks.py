@@ -19,44 +19,9 @@ from radar_sense.flight import Path
 from radar_sense.limits import MIN_RANGE
 from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.model.geometry import slant_range
-from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
+from radar_sense.montecarlo.gauss_markov import correlate
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray, of_each
-
-
-@dataclass(frozen=True, eq=False)
-class PoseProcess:
-    """The Gauss-Markov process of the pose errors.
-
-    Attributes:
-        aircraft: Nominal aircraft states (K, 6).
-        sqrt_cov: F (K, 6, 6) with F Fᵀ = C_aa.
-        rho: Correlation of each pose error with the next (K − 1,).
-        innovation_std: √(1 − ρ²) (K − 1,).
-    """
-
-    aircraft: FloatArray
-    sqrt_cov: FloatArray
-    rho: FloatArray
-    innovation_std: FloatArray
-
-    @classmethod
-    def of(
-        cls, time: FloatArray, aircraft: FloatArray, sqrt_cov: FloatArray, correlation_time: float
-    ) -> PoseProcess:
-        """Make the process from times (K,), poses (K, 6), F (6, 6) or (K, 6, 6), and τ [s].
-
-        Raises:
-            ValueError: If τ is negative.
-        """
-        sqrt_cov = np.broadcast_to(sqrt_cov, (len(time), *sqrt_cov.shape[-2:]))
-        return cls(aircraft, sqrt_cov, *successive_correlation(time, correlation_time))
-
-    def poses(self, normals: FloatArray) -> FloatArray:
-        """Return aircraft states (K, runs, 6); unit normals (K, 6, runs) are overwritten."""
-        correlate(normals, self.rho, self.innovation_std)
-        each = self.aircraft[:, np.newaxis], self.sqrt_cov[:, np.newaxis]
-        return draws(*each, np.moveaxis(normals, 1, -1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +33,14 @@ class Looks:
         schedule: The times of the looks.
         radars: The scenario of each radar by itself (m,).
         times: The times, 0 to K − 1, of the looks of each radar (m,).
-        process: The process of the pose errors.
+        sqrt_cov: F (6, 6), or (K, 1, 6, 6) with F Fᵀ = C_aa.
     """
 
     scenario: Scenario
     schedule: Schedule
     radars: tuple[Scenario, ...]
     times: tuple[NDArray[np.intp], ...]
-    process: PoseProcess
+    sqrt_cov: FloatArray
 
     @classmethod
     def of(cls, scenario: Scenario) -> Looks:
@@ -103,17 +68,20 @@ class Looks:
                     f"the aircraft is on top of the radar at the look at {along.at(nearest)}, "
                     f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
                 )
+        root = scenario.geometry.square_root
         return cls(
             scenario=scenario,
             schedule=schedule,
             radars=tuple(single_radar_scenarios(scenario).values()) or (scenario,),
             times=tuple(schedule.times_of(i) for i in range(len(scenario.model.radars))),
-            process=PoseProcess.of(
-                schedule.time,
-                scenario.aircraft,
-                scenario.geometry.square_root,
-                scenario.correlation_s,
-            ),
+            sqrt_cov=root if root.ndim == 2 else root[:, np.newaxis],
+        )
+
+    def poses(self, normals: FloatArray) -> FloatArray:
+        """Return aircraft states (K, runs, 6); unit normals (K, 6, runs) are overwritten."""
+        correlate(normals, self.schedule.time, self.scenario.correlation_s)
+        return draws(
+            self.scenario.aircraft[:, np.newaxis], self.sqrt_cov, np.moveaxis(normals, 1, -1)
         )
 
     def p_d(self, radar: int, poses: FloatArray, states: FloatArray) -> FloatArray:

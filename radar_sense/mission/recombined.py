@@ -205,7 +205,7 @@ class _Plan:
         looks, shape = self.looks, (self.paths, self.draws)
         generator = random_stream(looks.scenario.seed, Stream.RECOMBINED, number)
         normals = generator.standard_normal((len(looks.schedule.time), len(AIRCRAFT), self.paths))
-        poses = looks.process.poses(normals)
+        poses = looks.poses(normals)
         p_d: list[FloatArray] = []
         weights: list[FloatArray] = []
         for sampler in self.samplers:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
+from radar_sense.montecarlo.gauss_markov import correlate
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.progress import report
 from radar_sense.scenario import Scenario
@@ -102,17 +102,14 @@ def _shares_of_time(scenario: Scenario) -> FloatArray | None:
 
 def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
     """Yield P_D (runs, n) with aircraft errors that are correlated along the path."""
-    poses, correlation, sqrt_cov = len(path.aircraft), None, None
-    if path.correlation_s and path.time_s is not None:
-        correlation = successive_correlation(path.time_s, path.correlation_s)
-        sqrt_cov = path.geometry.square_root
-    sampler = Sampler(path.states(), sqrt_cov)
+    poses, time = len(path.aircraft), path.time_s if path.correlation_s else None
+    sampler = Sampler(path.states(), None if time is None else path.geometry.square_root)
     size = max(1, _BLOCK // (poses * len(path.model.radars)))
     for block, start in enumerate(range(0, runs, size)):
         count = min(size, runs - start)
         generator = random_stream(path.seed, Stream.PATH, block)
         radar, _ = sampler.draw_radar(generator.standard_normal((count, sampler.radar_normals)))
         normals = generator.standard_normal((poses, count, len(AIRCRAFT)))
-        if correlation is not None:
-            correlate(normals, *correlation)
+        if time is not None:
+            correlate(normals, time, path.correlation_s)
         yield sampler.draw_p_d(normals.swapaxes(0, 1), radar)

@@ -12,25 +12,13 @@ import numpy as np
 from radar_sense.states import FloatArray
 
 
-def successive_correlation(
-    time: FloatArray, correlation_time: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return ρ (K − 1,) of the errors at successive times (K,), and √(1 − ρ²) of the innovation.
-
-    Raises:
-        ValueError: If the correlation time is negative.
-    """
-    if not correlation_time >= 0:
-        raise ValueError(f"correlation time must not be negative, got {correlation_time}")
+def correlate(normals: FloatArray, time: FloatArray, correlation_time: float) -> None:
+    """Overwrite independent unit normals (K, ...) with the normals of the process at times (K,)."""
     step = np.diff(time)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # two looks at one time have one error, also at τ = 0
         x = np.where(step > 0, step / correlation_time, 0.0)
-    return np.exp(-x), np.sqrt(-np.expm1(-2.0 * x))
-
-
-def correlate(normals: FloatArray, rho: FloatArray, innovation_std: FloatArray) -> None:
-    """Overwrite independent unit normals (K, ...) with the normals of the process."""
+    rho, innovation_std = np.exp(-x), np.sqrt(-np.expm1(-2.0 * x))
     for k in range(1, len(normals)):
         normals[k] *= innovation_std[k - 1]
         normals[k] += rho[k - 1] * normals[k - 1]

@@ -116,7 +116,7 @@ def draw_block(
     rows = slice(min(source.runs, runs - block * source.runs))
     radar_normals, aircraft_normals = source.block(block)
     radar, negative = sampler.draw_radar(radar_normals[rows])
-    return sampler.draw_p_d(aircraft_normals[rows], radar, overwrite=True), negative
+    return sampler.draw_p_d(aircraft_normals[rows], radar), negative
 
 
 def monte_carlo(

@@ -79,15 +79,12 @@ class Sampler:
                 parts.append((slice(start, end), radars, own))
         return parts
 
-    def draw_p_d(
-        self, normals: FloatArray, radar: FloatArray, *, overwrite: bool = False
-    ) -> FloatArray:
+    def draw_p_d(self, normals: FloatArray, radar: FloatArray) -> FloatArray:
         """Draw an aircraft state for each pose of each run and compute P_D.
 
         Args:
             normals: Unit normals for the aircraft (runs, poses, 6).
             radar: Radar states (runs, 7m).
-            overwrite: Whether to overwrite the unit normals, to save memory.
 
         Returns:
             P_D (runs, poses).
@@ -99,6 +96,6 @@ class Sampler:
             size = max(1, BLOCK // len(nominal))
             for start in range(0, len(p_d), size):
                 runs = slice(start, start + size)
-                aircraft = draws(nominal, root, normals[runs, poses], overwrite=overwrite)
+                aircraft = draws(nominal, root, normals[runs, poses])
                 p_d[runs, poses] = radars.unchecked_p_d(aircraft, radar[runs, np.newaxis, own])
         return p_d

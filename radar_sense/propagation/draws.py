@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from radar_sense.propagation.emphasis import Mixture
 from radar_sense.states import FloatArray
 from radar_sense.streams import Stream, random_stream
-from radar_sense.uncertain_states import BLOCK, UncertainStates
+from radar_sense.uncertain_states import UncertainStates
 
 #: Draws of the mixture at a time. A matrix product of this size stays in one thread.
 DRAWS = 1024
@@ -103,21 +103,17 @@ def estimate(
         p_max: Limit whose exceedance is counted; NaN for none.
         plain: Whether to draw from the natural density alone.
     """
-    found, size = Estimate.constant(len(states), 0.0), max(1, KEPT // draws)
+    found = Estimate.constant(len(states), 0.0)
     found.draws[:] = draws
     if np.isnan(p_max):
         found.above[:] = found.above_error[:] = np.nan
+    size = max(1, KEPT // draws)
     for poses, part in states.by_sight():
-        first = 0
-        for block in part.cut(BLOCK):
+        for start, block in enumerate(part.cut(size)):
             block = _row_by_row(block)
             mixture = None if plain else Mixture.of(block, beta)
-            for start in range(0, len(block), size):
-                rows = slice(start, start + size)
-                drawn = _draw(block.at(rows), mixture and mixture.at(rows), draws)
-                last = first + len(drawn[0])
-                found.put(poses[first:last], _estimate(*drawn, beta, p_max))
-                first = last
+            rows = poses[start * size :][: len(block)]
+            found.put(rows, _estimate(*_draw(block, mixture, draws), beta, p_max))
     return found
 
 

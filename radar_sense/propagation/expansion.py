@@ -132,48 +132,34 @@ class RelativeProbit:
         """Least possible z (k,), which is z without any signal."""
         return self.states.model.floor(self.visible)
 
-    def __call__(
-        self,
-        error: FloatArray,
-        pose: NDArray[np.intp] | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
+    def __call__(self, error: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Return z (j,) and its gradient by y (n, j) at errors (n, j) of the poses (j,).
 
-        Without poses, errors are (n, s, k) at all poses, and results (s, k) and (n, s, k). The
-        gradient by a component without uncertainty is 0, also where it is undefined.
-
-        Args:
-            error: Errors of the relative states.
-            pose: Poses of the errors.
+        The gradient by a component without uncertainty is 0, also where it is undefined.
         """
-        states = self.states
         aircraft, radar, growth = self._shifted(error, pose)
-        visible = np.broadcast_to(
-            self._at(self.visible.T, error, pose), (self.visible.shape[-1], *error.shape[1:])
-        )
-        value, by_aircraft, by_radar = states.model.extrapolated_probit(
-            aircraft, radar, visible.reshape(len(visible), -1).T
+        value, by_aircraft, by_radar = self.states.model.extrapolated_probit(
+            aircraft, radar, self.visible[pose]
         )
         by_all = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T))
         if growth is not None:
-            by_all[_RADARS][component(CONSTANT, len(growth))] *= growth.reshape(len(growth), -1)
-        gradient = by_all[self.components].reshape(error.shape)
+            by_all[_RADARS][component(CONSTANT, len(growth))] *= growth
+        gradient = by_all[self.components]
         uncertain = self.std > 0
         if not uncertain.all():
-            gradient = np.where(self._at(uncertain, error, pose), gradient, 0.0)
-        return value.reshape(error.shape[1:]), gradient
+            gradient = np.where(_at(uncertain, pose), gradient, 0.0)
+        return value, gradient
 
     def _shifted(
-        self, error: FloatArray, pose: NDArray[np.intp] | None
+        self, error: FloatArray, pose: NDArray[np.intp]
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         """Return states (j, 6) and (j, 7m) with errors (n, j), and ∂c_r/∂Δ (m, j) or None for 1.
 
-        Without poses, errors are (n, s, k), j counts all of them, and ∂c_r/∂Δ is (m, s, k). The
-        position of the aircraft stays nominal, and the radars have all errors of position.
+        The position of the aircraft stays nominal, and the radars have all errors of position.
         """
         states = self.states
-        nominal = [self._at(a.T, error, pose) for a in (states.aircraft, states.radar)]
-        shifted = np.empty((len(AIRCRAFT) + len(nominal[1]), *error.shape[1:]))
+        nominal = [_at(a.T, pose) for a in (states.aircraft, states.radar)]
+        shifted = np.empty((len(AIRCRAFT) + len(nominal[1]), len(pose)))
         aircraft, radar = np.split(shifted, [len(AIRCRAFT)])
         aircraft[:], radar[:] = nominal
         shifted[len(AIRCRAFT) - 3 + self.components] += error
@@ -182,18 +168,11 @@ class RelativeProbit:
             m = len(states.log_constant)
             constants = radar[component(CONSTANT, m)]  # a view
             of_nominal = nominal[1][component(CONSTANT, m)]
-            growth = np.ones((m, *error.shape[1:]))
+            growth = np.ones((m, len(pose)))
             relative = (constants / of_nominal - 1.0)[states.log_constant]
             growth[states.log_constant] = np.exp(np.minimum(relative, MOST_NEPERS))
             constants[states.log_constant] = (of_nominal * growth)[states.log_constant]
-        return aircraft.reshape(len(aircraft), -1).T, radar.reshape(len(radar), -1).T, growth
-
-    @staticmethod
-    def _at(values: NDArray[Any], error: FloatArray, pose: NDArray[np.intp] | None) -> NDArray[Any]:
-        """Return values (c, k) or (c, 1) of the poses of errors, to broadcast against them."""
-        if pose is not None and values.shape[1] > 1:
-            return values[:, pose]
-        return values.reshape(len(values), *(1,) * (error.ndim - 2), -1)
+        return aircraft.T, radar.T, growth
 
     def derivatives(self) -> SecondOrder:
         """Return the expansion of z about y = 0.
@@ -225,11 +204,12 @@ class RelativeProbit:
         error = np.zeros((n, 2 * n + 1, k))
         error[own, points] = step
         error[own, points + 1] = -step
-        value, gradient = self(error)
+        value, by_y = self(error.reshape(n, (2 * n + 1) * k), np.tile(np.arange(k), 2 * n + 1))
+        gradient = by_y.reshape(error.shape)
         change = gradient[:, 1::2] - gradient[:, 2::2]
         second = 0.25 * change / np.where(step != 0, step, np.inf)  # half of each
         return SecondOrder(
-            self.components, value[0], gradient[:, 0], second + second.swapaxes(0, 1)
+            self.components, value[:k], gradient[:, 0], second + second.swapaxes(0, 1)
         )
 
 
@@ -276,6 +256,11 @@ class StandardNormalSpace:
         for part in parts:
             np.einsum("kij,ik->jk", self.sqrt_cov[pose[part]], by_y[:, part], out=by_u[:, part])
         return value, by_u
+
+
+def _at(values: NDArray[Any], pose: NDArray[np.intp]) -> NDArray[Any]:
+    """Return values (c, k) or (c, 1) at poses (j,), to broadcast against (c, j)."""
+    return values[:, pose] if values.shape[1] > 1 else values
 
 
 @cache

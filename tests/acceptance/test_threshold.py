@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from radar_sense.acceptance.threshold import threshold_test
+from radar_sense.acceptance.threshold import ThresholdTest
+
+
+def threshold_test(upper, p_max, coordinate, violated=None, unknown=False):
+    upper, coordinate = np.asarray(upper, dtype=float), np.asarray(coordinate, dtype=float)
+    if violated is None:
+        violated, unknown = upper > p_max, np.isnan(upper)
+    violated = np.asarray(violated)
+    return ThresholdTest(p_max, upper, violated, np.asarray(unknown) & ~violated, coordinate)
 
 
 def test_margin_and_poses():

@@ -11,10 +11,10 @@ from scipy.special import ndtr
 from scipy.stats import binom, multivariate_normal
 
 from radar_sense import limits
-from radar_sense.covariance import symmetric_square_root
+from radar_sense.covariance import draws, symmetric_square_root
 from radar_sense.mission import tracks
-from radar_sense.mission.looks import PoseProcess
 from radar_sense.mission.schedule import Schedule
+from radar_sense.montecarlo.gauss_markov import correlate
 
 
 def m_of_n(p_d, m, n):
@@ -136,8 +136,10 @@ def test_the_mean_over_drawn_poses_is_that_of_correlated_normals(tau):
     aircraft[:, 0] = -0.5, -0.2, 0.1
     sigma, s, runs = 0.8, 0.5, 20_000
     rng = np.random.default_rng(3)
-    process = PoseProcess.of(time, aircraft, np.diag([sigma, 0, 0, 0, 0, 0]), tau)
-    poses = process.poses(rng.standard_normal((3, 6, runs)))
+    normals = rng.standard_normal((3, 6, runs))
+    correlate(normals, time, tau)
+    root = np.diag([sigma, 0, 0, 0, 0, 0])
+    poses = draws(aircraft[:, np.newaxis], root, np.moveaxis(normals, 1, -1))
     p_d = ndtr(poses[..., 0] + s * rng.standard_normal(runs))  # an error that all looks share
     detection, track = events([p_d], 2, 2)
     apart = abs(time[:, None] - time)
@@ -161,8 +163,10 @@ def test_draws_of_poses_have_the_covariance_that_was_asked_for():
     time = np.array([0.0, 2.0, 7.0])
     cov = np.stack([random_covariance(rng, [3, 2, 1, 0.1, 0.2, 0.3]) for _ in time])
     runs = 20_000
-    process = PoseProcess.of(time, np.zeros((3, 6)), symmetric_square_root(cov), 4.0)
-    states = process.poses(rng.standard_normal((3, 6, runs)))
+    normals = rng.standard_normal((3, 6, runs))
+    correlate(normals, time, 4.0)
+    of_each = symmetric_square_root(cov)[:, np.newaxis]
+    states = draws(np.zeros((3, 1, 6)), of_each, np.moveaxis(normals, 1, -1))
     root = [np.diag(s) @ np.real(sqrtm(c / np.outer(s, s)))
             for c, s in ((c, np.sqrt(np.diag(c))) for c in cov)]  # fmt: skip
     for i, j in itertools.product(range(3), repeat=2):
@@ -170,9 +174,3 @@ def test_draws_of_poses_have_the_covariance_that_was_asked_for():
         found = states[i].T @ states[j] / runs
         scale = np.sqrt(np.outer(np.diag(cov[i]), np.diag(cov[j])))
         assert np.max(abs(found - expected) / scale) < 6 * math.sqrt(2 / runs)
-
-
-@pytest.mark.parametrize("tau", [-1.0, np.nan])
-def test_a_negative_correlation_time_is_refused(tau):
-    with pytest.raises(ValueError, match="correlation time"):
-        PoseProcess.of(np.arange(2.0), np.zeros((2, 6)), np.eye(6), tau)
