@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from radar_sense.flight import CERTAIN
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.model.radar import Radar
 from radar_sense.propagation import Band
 from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
@@ -142,7 +141,7 @@ def refined(
         place, row = _halved(place, bends), np.insert(row, after, -1)
         band = _merged(band, propagate(along(scenario, place[new < 0])), new)
     return Refined(
-        _with_rows(scenario, place, row) if len(place) > n else scenario,
+        along(scenario, place) if len(place) > n else scenario,
         band,
         np.flatnonzero(row >= 0),
         len(place) < MAX_POSES,
@@ -217,25 +216,14 @@ def _nominal(scenario: Scenario) -> Scenario:
     return scenario.along(dataclasses.replace(scenario.geometry, covariance=CERTAIN))
 
 
-def _radar(scenario: Scenario, number: int) -> tuple[Radar, FloatArray]:
-    return scenario.radars[number], scenario.radar_states[number]
-
-
 def _distance(poses: Scenario, number: int) -> FloatArray:
     """Return the slant range (n,) [m] of a radar."""
-    return slant_range(poses.aircraft, _radar(poses, number)[1])
+    return slant_range(poses.aircraft, poses.radar_states[number])
 
 
 def _margin(poses: Scenario, number: int) -> FloatArray:
     """Return the distance (n,) [m] to the nearest limit of a radar, negative beyond it."""
-    radar, state = _radar(poses, number)
-    distance = _distance(poses, number)
-    margin = np.minimum(radar.max_range - distance, distance - radar.min_range)
-    if radar.horizon is not None:
-        margin = np.minimum(margin, radar.horizon.range(poses.aircraft, state) - distance)
-    if radar.mask is not None:
-        margin = np.minimum(margin, distance * radar.mask.clearance(poses.aircraft, state))
-    return margin
+    return poses.radars[number].margin(poses.aircraft, poses.radar_states[number])
 
 
 def _maxima(
@@ -259,8 +247,7 @@ def _crossings(scenario: Scenario, place: FloatArray, number: int) -> FloatArray
     """Return the places on both sides of each crossing of a limit of a radar."""
 
     def inside(poses: Scenario) -> FloatArray:
-        radar, state = _radar(poses, number)
-        return radar.visible(poses.aircraft, state).astype(float)
+        return (_margin(poses, number) >= 0).astype(float)
 
     seen = inside(along(scenario, place))
     crossing = np.flatnonzero(seen[1:] != seen[:-1])
@@ -309,16 +296,3 @@ def _merged(old: Band, new: Band, row: NDArray[np.intp]) -> Band:
     """Return the band with the old poses by number in `row`, and new poses where `row` is −1."""
     order = np.where(row >= 0, row, len(old.p_d) - 1 + np.cumsum(row < 0))
     return Band.join([old, new]).at(order)
-
-
-def _with_rows(scenario: Scenario, place: FloatArray, row: NDArray[np.intp]) -> Scenario:
-    """Return the scenario at some places, with the states of the rows unchanged to the last bit."""
-    geometry = scenario.geometry.at(place)
-    at_row = np.flatnonzero(row >= 0)
-    aircraft = geometry.aircraft.copy()
-    aircraft[at_row] = scenario.aircraft[row[at_row]]
-    covariance = geometry.covariance
-    if covariance.ndim == 3:
-        covariance = covariance.copy()
-        covariance[at_row] = scenario.cov_aircraft[row[at_row]]
-    return scenario.along(dataclasses.replace(geometry, aircraft=aircraft, covariance=covariance))

@@ -10,11 +10,9 @@ because the surface is 20 km lower at 500 km from the origin.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -24,13 +22,13 @@ from radar_sense.cost import EVALUATIONS, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
-from radar_sense.model.geometry import body_vector, join
+from radar_sense.model.geometry import join
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.progress import report
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
-from radar_sense.states import AIRCRAFT, ATTITUDE, BLOCK, DOWN, POSITION, YAW, FloatArray
+from radar_sense.states import ATTITUDE, BLOCK, DOWN, POSITION, YAW, FloatArray
 
 #: Largest number of cells of a map, which take 100 MB in single precision.
 MAX_CELLS = 25_000_000
@@ -38,13 +36,8 @@ MAX_CELLS = 25_000_000
 CELLS = 500
 #: Cells on a side in which a contour is looked for.
 _ON_A_SIDE = 61
-#: Headings at which the RCS is sampled to find the lobes, and half steps tried, in samples.
-CIRCLE = 32_768
-HALF_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
-#: Largest elevation of the radar at these headings, and its shortest and longest step [rad].
-ELEVATION, ELEVATION_STEPS = np.deg2rad(30.0), np.deg2rad([0.5, 10.0])
-#: Part of the RCS by which the nearest sampled heading may be below the peak of a lobe.
-LOBE_LOSS = 0.005
+#: Headings in the narrowest lobe of the RCS. The nearest is 3 % below its peak at most.
+PER_LOBE = 6
 #: Steps of the golden section, which shrink the bracket to 1 in 16,000.
 _SECTIONS = 20
 
@@ -207,21 +200,20 @@ def worst_p_d_in_cells(
 ) -> tuple[Plane, Plane]:
     """Return the largest P_D over all headings in each cell, and its heading [deg].
 
-    Every lobe of the RCS has a sampled heading. A golden section finds the maximum on the best
-    lobe. The search can miss a lobe that is higher by less than `LOBE_LOSS` of the RCS.
+    Every lobe of the RCS has `PER_LOBE` sampled headings. A golden section finds the maximum on the
+    best lobe. The search can miss a lobe that is higher by less than 3 % of the RCS.
 
     Args:
         scenario: The scenario.
         cells: The cells.
         down: As in `p_d_in_cells`.
         workers: Threads to compute with; the result does not depend on their number.
-
-    Raises:
-        InputError: If the lobes of the RCS are too narrow.
     """
     pose = pose_in_cells(scenario, down, None)
-    step = 2.0 * np.pi / heading_count(scenario, pose)
-    headings = step * np.arange(round(2.0 * np.pi / step))
+    detail = min(model.rcs.detail for model in scenario.model.models)
+    count = math.ceil(2.0 * np.pi * PER_LOBE / detail) or 1
+    step = 2.0 * np.pi / count
+    headings = step * np.arange(count)
     _foresee(scenario, cells, len(headings) + _SECTIONS, workers)
 
     def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
@@ -252,44 +244,6 @@ def worst_p_d_in_cells(
 
     largest, heading = _in_cells(scenario, cells, pose, planes, workers)
     return largest, heading
-
-
-def heading_count(scenario: Scenario, pose: FloatArray) -> int:
-    """Return the number of headings that find every lobe of the RCS in a pose.
-
-    The RCS is computed on circles of heading, for radars up to 30 deg above and below the aircraft.
-    The circles are no farther apart than the lobes, and half a degree at least. With the longest
-    allowed step, the better of two neighbouring headings loses at most `LOBE_LOSS` of the RCS.
-
-    Raises:
-        InputError: If the lobes are too narrow.
-    """
-    by_aspect = [m.rcs for m in scenario.model.models if not m.rcs.isotropic]
-    if not by_aspect:
-        return 1
-    states = np.zeros((CIRCLE, len(AIRCRAFT)))
-    states[:, ATTITUDE] = pose[ATTITUDE]
-    states[:, YAW] = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
-    apart = np.clip(min(rcs.detail for rcs in by_aspect), *ELEVATION_STEPS)
-    circles = 1 + math.ceil(2.0 * ELEVATION / apart)
-    half_steps: tuple[int, ...] = HALF_STEPS
-    for elevation in np.linspace(-ELEVATION, ELEVATION, circles):
-        towards = np.array([math.cos(elevation), 0.0, math.sin(elevation)])
-        body = body_vector(states, towards)
-        for rcs in by_aspect:
-            sigma = rcs.cross_section(body)
-            # from short steps to long: a step over several equal lobes seems to lose nothing
-            half_steps = tuple(itertools.takewhile(partial(_finds_lobes, sigma), half_steps))
-    # The sampled circle cannot resolve more lobes than half its points.
-    if not half_steps or any(getattr(rcs, "lobes", 0) > CIRCLE // 2 for rcs in by_aspect):
-        raise InputError("the lobes of the RCS are too narrow for a search over headings")
-    return math.ceil(CIRCLE / (2 * half_steps[-1]))
-
-
-def _finds_lobes(sigma: FloatArray, half_step: int) -> bool:
-    """Return whether the better of two places of a circle (n,), a step apart, is near each peak."""
-    neighbours = np.maximum(np.roll(sigma, half_step), np.roll(sigma, -half_step))
-    return not np.any(neighbours < (1.0 - LOBE_LOSS) * sigma)
 
 
 def _foresee(scenario: Scenario, cells: Grid, evaluations: float, workers: int) -> None:

@@ -183,20 +183,23 @@ class Radar:
             height: Heights (...) [m] of the aircraft for the horizon; computed if None.
         """
         aircraft, radar = np.asarray(aircraft, dtype=float), np.asarray(radar, dtype=float)
-        visible = np.ones(np.broadcast(aircraft[..., 0], radar[..., 0]).shape, dtype=bool)
         if not self.limited:
-            return visible
+            return np.ones(np.broadcast(aircraft[..., 0], radar[..., 0]).shape, dtype=bool)
+        return self.margin(aircraft, radar, height) >= 0
+
+    def margin(
+        self, aircraft: FloatArray, radar: FloatArray, height: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the distance (...) [m] to the nearest limit, negative beyond it; as `visible`."""
         distance = slant_range(aircraft, radar)
-        if self.max_range < math.inf:
-            visible &= distance <= self.max_range
-        if self.min_range > 0:
-            visible &= distance >= self.min_range
+        margin = np.minimum(self.max_range - distance, distance - self.min_range)
         if self.horizon is not None:
             height = self.horizon.height(aircraft) if height is None else height
-            visible &= distance <= horizon_range(self.horizon.height(radar), height)
+            farthest = horizon_range(self.horizon.height(radar), height)
+            margin = np.minimum(margin, farthest - distance)
         if self.mask is not None:
-            visible &= self.mask.clearance(aircraft, radar) >= 0
-        return visible
+            margin = np.minimum(margin, distance * self.mask.clearance(aircraft, radar))
+        return margin
 
     def sight(
         self,

@@ -224,14 +224,6 @@ def test_the_worst_heading_of_a_network_on_the_round_earth():
     assert at == pytest.approx(largest[0, 1], abs=1e-5)
 
 
-@pytest.mark.parametrize(("lobes", "enough"), [(1, 90), (36, 540), (194, 2900), (1000, 15_000)])
-def test_headings_are_as_many_as_lobes_need(lobes, enough):
-    rcs = {**RCS["lobes"], "lobes": lobes}
-    s = scenario(aircraft__rcs=rcs)
-    count = area.heading_count(s, s.aircraft[0])
-    assert enough <= count <= 4 * enough
-
-
 def test_the_contour_may_be_beyond_a_blind_zone():
     """P_D is 0 within 30 km, around the whole route, and reaches 0.1 at some 50 km."""
     s = scenario(
@@ -271,13 +263,6 @@ def test_a_lobe_between_the_tens_of_degrees_of_elevation_is_found(tmp_path):
         for j, east in enumerate(cells.east):
             states[:, :2] = north, east
             assert found[i, j] == pytest.approx(s.model.p_d(states, s.radar).max(), abs=2e-3)
-
-
-def test_lobes_too_narrow_for_a_search_are_refused():
-    for lobes in (3000, 65_536, 1_000_000):
-        s = scenario(aircraft__rcs={**RCS["lobes"], "lobes": lobes})
-        with pytest.raises(rs.InputError, match="lobes of the RCS are too narrow"):
-            area.worst_p_d_in_cells(s, small(s))
 
 
 def test_the_route_has_its_own_probabilities():
