@@ -121,29 +121,27 @@ def refined(
         tolerance: Largest distance of P_D and its bound from straight lines.
     """
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
-    place, n = places(scenario), len(given)
-    if given[0] > given[-1]:
-        place = place[::-1]
-    row = np.full(len(place), -1)  # number of the row, or −1
-    row[np.isin(place, given)] = np.arange(n)
-    if len(place) > n:
-        values = propagate(along(scenario, place[row < 0]))
-        band = _merged(band, values, row)
-    while len(place) < MAX_POSES:
+    order = -1 if given[0] > given[-1] else 1
+    place, new = given, np.setdiff1d(places(scenario), given)[::order]
+    while True:
+        if new.size:
+            place = np.concatenate([place, new])
+            ranked = np.argsort(order * place)
+            band = Band.join([band, propagate(along(scenario, new))]).at(ranked)
+            place = place[ranked]
+        if len(place) >= MAX_POSES:
+            break
         bends = _bend(place, band.p_d) > tolerance
         noise = 2.0 * np.maximum(band.error[1:], band.error[:-1])
         bends |= _bend(place, band.upper) > tolerance + noise
         bends &= abs(np.diff(place)) > shortest
         if not bends.any():
             break
-        after = np.flatnonzero(bends) + 1
-        new = np.insert(np.arange(len(place)), after, -1)
-        place, row = _halved(place, bends), np.insert(row, after, -1)
-        band = _merged(band, propagate(along(scenario, place[new < 0])), new)
+        new = _middles(place)[bends]
     return Refined(
-        along(scenario, place) if len(place) > n else scenario,
+        along(scenario, place) if len(place) > len(given) else scenario,
         band,
-        np.flatnonzero(row >= 0),
+        np.flatnonzero(np.isin(place, given)),
         len(place) < MAX_POSES,
         tolerance,
     )
@@ -199,7 +197,7 @@ def places(scenario: Scenario) -> FloatArray:
         coarse = coarse_steps(along(nominal, place)) & (np.diff(place) > shortest)
         if not coarse.any():
             break
-        place = _halved(place, coarse)
+        place = np.sort(np.append(place, _middles(place)[coarse]))
     found = [place]
     for i, radar in enumerate(nominal.radars):
         closest = _maxima(nominal, place, lambda s, i=i: -_distance(s, i))  # type: ignore[misc]
@@ -286,13 +284,6 @@ def _bend(place: FloatArray, values: FloatArray) -> FloatArray:
     return bend
 
 
-def _halved(place: FloatArray, steps: NDArray[np.bool_]) -> FloatArray:
-    """Return places with the middle of some steps added."""
-    after = np.flatnonzero(steps) + 1
-    return np.insert(place, after, 0.5 * (place[after - 1] + place[after]))
-
-
-def _merged(old: Band, new: Band, row: NDArray[np.intp]) -> Band:
-    """Return the band with the old poses by number in `row`, and new poses where `row` is −1."""
-    order = np.where(row >= 0, row, len(old.p_d) - 1 + np.cumsum(row < 0))
-    return Band.join([old, new]).at(order)
+def _middles(place: FloatArray) -> FloatArray:
+    """Return the middle of each step (n − 1,)."""
+    return 0.5 * (place[:-1] + place[1:])
