@@ -262,7 +262,8 @@ POSES = 40
 def _with_placeholders(scenario: Any, column: str, meaning: str) -> tuple[str, str]:
     """Return name and meaning of a column with `<radar>` in place of the name of a radar, etc."""
     names = {
-        "level": scenario.levels,
+        # coverage_low is the lower end of an interval
+        "level": () if column.startswith("coverage_") else scenario.levels,
         "radar": scenario.model.names if len(scenario.model.names) > 1 else (),
         "source": [*sources_of(scenario, PART), *sources_of(scenario, SOURCE)],
         "method": METHODS,
@@ -273,7 +274,8 @@ def _with_placeholders(scenario: Any, column: str, meaning: str) -> tuple[str, s
             changed = re.sub(rf"_{re.escape(word)}(?=_|$)", f"_<{placeholder}>", column)
             if changed != column:
                 column = changed
-                meaning = re.sub(rf"\b{re.escape(word)}\b", f"*{placeholder}*", meaning)
+                whole = rf"(?<![a-zA-Z0-9]){re.escape(word)}(?![a-zA-Z0-9])"
+                meaning = re.sub(whole, f"*{placeholder}*", meaning)
     return re.sub(r"\bterm_\w+|(?<=sigma_)term_\w+", "term_<term>", column), meaning
 
 

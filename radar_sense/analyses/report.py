@@ -1,4 +1,4 @@
-"""The command `report`: asks the other commands, and writes their answers as one HTML page."""
+"""Ask the other commands, and write their answers as one HTML page."""
 
 from __future__ import annotations
 

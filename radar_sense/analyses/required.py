@@ -111,9 +111,11 @@ def in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
     """Describe the largest factor on the standard deviations of a source."""
     factor = accuracy.factor
     if factor is None and accuracy.known:
-        source = f", from {accuracy.residual_from}" if accuracy.residual_from else ""
-        place = axis.format(accuracy.place)
-        return f"impossible alone ({accuracy.residual:.4f} remains at {place}{source})"
+        place, source = axis.format(accuracy.place), accuracy.residual_from
+        if source == "P_D itself":
+            return f"impossible: P_D itself is above the limit at {place}"
+        shown = f", from {source}" if source else ""
+        return f"impossible alone ({accuracy.residual:.4f} remains at {place}{shown})"
     if not factor:
         return "less than a millionth" if accuracy.known else "not known"
     if np.isinf(factor):
