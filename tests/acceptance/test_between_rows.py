@@ -19,8 +19,8 @@ LIMIT = 0.1
 PAST = "0,-60000,80000,-3000\n600,60000,80000,-3000\n"
 
 
-def flown(folder, rows, radar, rcs, aircraft):
-    """Return the threshold test of a straight flight past one radar, or several."""
+def flight(folder, rows, radar, rcs, aircraft):
+    """Return the scenario of a straight flight past one radar, or several."""
     (folder / "route.csv").write_text("time_s,north_m,east_m,down_m\n" + rows)
     content = document(
         geometry={"type": "path", "file": "route.csv"},
@@ -34,7 +34,12 @@ def flown(folder, rows, radar, rcs, aircraft):
         for i, one in enumerate(radar)
     ]
     (folder / "flight.yaml").write_text(dump_yaml(content))
-    return analyses.variance(rs.load_scenario(folder / "flight.yaml"), threshold=LIMIT)
+    return rs.load_scenario(folder / "flight.yaml")
+
+
+def flown(*args):
+    """Return the threshold test of a flight."""
+    return analyses.variance(flight(*args), threshold=LIMIT)
 
 
 def radar(constant, **keys):
@@ -64,6 +69,16 @@ def test_a_ring_that_is_grazed_by_two_sigma(tmp_path, rows):
     sphere = {"model": "constant", "rcs_m2": 1}
     result = flown(tmp_path, rows, radars, sphere, {"position_m": 10, "attitude_deg": 1})
     check(result, ndtr(-20 / math.hypot(10, 1)), time)
+
+
+def test_the_accuracy_that_a_ring_beside_the_route_needs(tmp_path):
+    """20 m are three sigma of the distance where √((10 f)² + 1²) is 20/3."""
+    rows, sphere = "0,-4000,100020,0\n60,4000,100020,0\n", {"model": "constant", "rcs_m2": 1}
+    errors = {"position_m": 10, "attitude_deg": 1}
+    s = flight(tmp_path, rows, [radar(2000, max_range_km=100)], sphere, errors)
+    required = analyses.budget(s, threshold=LIMIT).summary["threshold"]["required_accuracy"]
+    factor = math.sqrt((20 / 3) ** 2 - 1) / 10
+    assert required["aircraft_position"]["factor"] == pytest.approx(factor, rel=0.02)
 
 
 def test_an_rcs_that_is_badly_known_at_one_aspect(tmp_path):
