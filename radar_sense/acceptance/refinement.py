@@ -188,8 +188,8 @@ def places(scenario: Scenario) -> FloatArray:
     """Return coordinates (k,) of a flight, ascending, between which no lobe, gap or limit fits.
 
     These are the rows, the middles of coarse steps, the closest point to each radar, the point
-    nearest to its limits, and both sides of each crossing of a limit. There are `MAX_POSES` or more
-    if so many are not enough.
+    nearest to its limits, and both sides of each crossing of a limit. Steps are halved up to
+    `MAX_POSES` coordinates. With more, some steps may still be coarse.
     """
     nominal = _nominal(scenario)
     place, shortest = np.sort(nominal.geometry.coordinate), LEAST_STEP * nominal.geometry.shortest

@@ -110,22 +110,23 @@ def detection_ranges(seen: Survey, values: list[float], method: str, k: float) -
             smooth = "form" if method == AUTOMATIC else method
             band = bounds_of_reach(seen, value, smooth, k)
             middle = bounds_of_reach(seen, value, smooth, NODE)
-            smooth_ends = np.array([*band, *middle])
             unreliable = _unreliable(around, band, smooth, k)
+            cut = np.zeros_like(unreliable)
             unknown = unreliable | np.isnan([*band, *middle]).any(axis=0)
             if method == AUTOMATIC and unknown.any():
                 rows, unreliable = np.flatnonzero(unknown), np.zeros_like(unknown)
+                without = np.array([*band, *middle])
                 some = seen.part(rows)
                 for ends, beta in ((band, k), (middle, NODE)):
                     for end, sign in zip(ends, (-1.0, 1.0), strict=True):
                         end[rows], imprecise = _by_draws(some, end[rows], value, sign * beta)
                         unreliable[rows] |= imprecise
+                moved = abs(np.array([*band, *middle]) - without) > 2.0 * PRECISION * without
+                cut = moved.any(axis=0) & _limit_in_reach(around, band[0])
             lower, upper = (_slant(around, end) for end in band)
             first, last = (_slant(around, end) for end in middle)
             std = _std_of_quantiles(first, slant, last)
-            # three nodes do not follow a limit that moves an end
-            moved = abs(np.array([*band, *middle]) - smooth_ends) > 2.0 * PRECISION * smooth_ends
-            std[moved.any(axis=0) & _limit_in_reach(around, band[0])] = np.nan
+            std[cut] = np.nan  # three nodes do not follow a limit that moves an end
         std = np.where(defined, std, np.nan)
         ranges.append(RangeAt(value, reach, slant, std, lower, upper, by_source, unreliable))
     return ranges
