@@ -22,7 +22,7 @@ class Axis:
         unit: Unit of `values` and of the values that a user gives.
         values: Coordinate of each pose (n,), which does not decrease along a path.
         digits: Format of a value in a sentence.
-        tolerance: Largest distance of a pose from the value that a user gives.
+        tolerance: Largest distance of a pose from the value that a user gives; 0 if none is given.
         places: Name of the places of the values, in the plural.
         meaning: Meaning of the column.
     """
@@ -40,8 +40,9 @@ class Axis:
         return len(self.values)
 
     def number(self, value: float) -> str:
-        """Return a value for a sentence, without the unit."""
-        return format(value, self.digits)
+        """Return a value for a sentence, without the unit, so exact that a user may give it."""
+        shown = round(value, -round(math.log10(self.tolerance))) if self.tolerance else value
+        return format(shown, self.digits)
 
     def format(self, value: float) -> str:
         """Return a value for a sentence, with the unit."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from radar_sense import words
+from radar_sense.acceptance.threshold import PathTest
 from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, require_threshold, sigmas
 from radar_sense.axis import reached
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
@@ -90,8 +91,9 @@ def variance(
         for name, (radar, of_radar) in by_radar.items()
         for text in words.validity_warnings(radar, of_radar, method)
     )
+    tested = None
     if threshold is not None:
-        require_threshold(result, threshold, k, band, probability)
+        tested = require_threshold(result, threshold, k, band, probability)
     else:
         result.report += _trust(result, band)
     _add_places(result.table, scenario)
@@ -101,7 +103,7 @@ def variance(
             of_one, ending = words.of_radar(name)
             meaning = f"{of_one}Standard error of the 3-sigma bounds."
             result.table.add(f"error_3sigma{ending}", error, meaning)
-    result.draw = partial(_draw, result=result, band=band, k=k, threshold=threshold)
+    result.draw = partial(_draw, result=result, band=band, k=k, tested=tested)
     return result
 
 
@@ -164,11 +166,14 @@ def _add_places(table: Table, scenario: Scenario) -> None:
     table.add("altitude_m", altitude, "Height of the aircraft above the ellipsoid.", "m")
 
 
-def _draw(figure: Figure, result: Result, band: Band, k: float, threshold: float | None) -> None:
-    """Draw P_D, its band, P_D by each radar, and the threshold."""
+def _draw(figure: Figure, result: Result, band: Band, k: float, tested: PathTest | None) -> None:
+    """Draw P_D, its band, P_D by each radar, and the threshold, at the poses of the test."""
     from radar_sense import plotting
 
-    table, scenario = result.table, result.scenario
+    scenario, rows = result.scenario, np.arange(len(band.p_d))
+    if tested is not None:
+        scenario, rows = tested.path.scenario, tested.path.rows
+        band = replace(tested.path.band, upper=tested.test.upper)
     names = scenario.model.names if len(scenario.radars) > 1 else ()
     by_range = isinstance(scenario.geometry, Radial)
     (axes, *others), x = plotting.pose_panels(figure, 1 + by_range, scenario.axis)
@@ -176,15 +181,16 @@ def _draw(figure: Figure, result: Result, band: Band, k: float, threshold: float
     under = {"lw": plotting.points(2.2), "zorder": 1.8} if names else {}
     plotting.draw_line(axes, x, band.p_d, ("black", "-"), label=r"$P_D$", **under)
     for name, style in plotting.radar_styles(names).items():
-        p_d = table[f"p_d_{name}"]
-        plotting.draw_line(axes, x, p_d, style, label=name, lw=plotting.points(0.8))
+        p_d = result.table[f"p_d_{name}"]
+        plotting.draw_line(axes, x[rows], p_d, style, label=name, lw=plotting.points(0.8))
     plotting.draw_fill(axes, x, band.lower, band.upper, color=plotting.BAND[0], alpha=0.18, lw=0)
     label = rf"band of ${k:.4g}\,\sigma$ ({scenario.level})"
     plotting.draw_band(axes, x, band.lower, band.upper, label)
-    if threshold is not None:
-        label = f"threshold {threshold:g}"
-        axes.axhline(threshold, color="black", lw=plotting.points(0.8), ls=":", label=label)
-        plotting.draw_shade(axes, table["violated"] > 0, x, label="violated")
+    if tested is not None:
+        p_max = tested.test.p_max
+        label = f"threshold {p_max:g}"
+        axes.axhline(p_max, color="black", lw=plotting.points(0.8), ls=":", label=label)
+        plotting.draw_shade(axes, tested.test.violated, x, label="violated")
     axes.set_ylabel(r"Probability of detection $P_D$")
     for snr_axes in others:
         snr = words.decibels(scenario.model.snr(scenario.aircraft, scenario.radar))

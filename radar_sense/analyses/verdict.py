@@ -58,7 +58,7 @@ def condition(p_max: float, k: float, probability: float | None) -> str:
 
 def require_threshold(
     result: Result, p_max: float, k: float, band: Band, probability: float | None = None
-) -> None:
+) -> PathTest:
     """Add the threshold test P_D + kσ ≤ P_max to a result of `variance`, its verdict first.
 
     `probability_above` is P(P_D > P_max) in runs of the path. The result passes if the test holds
@@ -70,6 +70,9 @@ def require_threshold(
         k: k, greater than 0.
         band: Band of the scenario by the method, with bounds at Φ(k).
         probability: Φ(−k), for the words, if it was given in place of k.
+
+    Returns:
+        The test, at the poses between the rows too.
     """
     scenario, method = result.scenario, result.method
     tested = path_test(scenario, method, p_max, k, band)
@@ -92,6 +95,7 @@ def require_threshold(
         result.summary["threshold"]["probability"] = probability
     result.report[:0] = _report(tested, method, k, condition(p_max, k, probability))
     result.passed = test.passed
+    return tested
 
 
 def _unit(scenario: Scenario) -> str:

@@ -69,6 +69,9 @@ def test_a_ring_that_is_grazed_by_two_sigma(tmp_path, rows):
     sphere = {"model": "constant", "rcs_m2": 1}
     result = flown(tmp_path, rows, radars, sphere, {"position_m": 10, "attitude_deg": 1})
     check(result, ndtr(-20 / math.hypot(10, 1)), time)
+    (axes,) = result.plot().axes
+    drawn = np.concatenate([line.get_ydata() for line in axes.lines if len(line.get_ydata()) > 2])
+    assert drawn.max() > LIMIT  # the band is drawn at the poses between the rows too
 
 
 def test_the_accuracy_that_a_ring_beside_the_route_needs(tmp_path):
