@@ -99,7 +99,7 @@ def resolve(
 def unresolved(path: Refined) -> str:
     """Return the message about poses that do not resolve P_D, with the remedy."""
     geometry = path.scenario.geometry
-    return f"P_D is not resolved by {len(geometry.axis)} poses: choose steps with {geometry.steps}"
+    return f"P_D is not resolved by {MAX_POSES:,} poses: choose steps with {geometry.steps}"
 
 
 def refined(
@@ -112,7 +112,8 @@ def refined(
 
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
     tolerance of straight lines. Second differences estimate the distance. Two standard errors of a
-    bound are no bend.
+    bound are no bend. Poses that would be `MAX_POSES` in all are not computed, and P_D is not
+    resolved.
 
     Args:
         scenario: The scenario of a flight.
@@ -123,26 +124,24 @@ def refined(
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
     order = -1 if given[0] > given[-1] else 1
     place, new = given, np.setdiff1d(places(scenario), given)[::order]
-    while True:
+    while len(place) + len(new) < MAX_POSES:
         if new.size:
             place = np.concatenate([place, new])
             ranked = np.argsort(order * place)
             band = Band.join([band, propagate(along(scenario, new))]).at(ranked)
             place = place[ranked]
-        if len(place) >= MAX_POSES:
-            break
         bends = _bend(place, band.p_d) > tolerance
         noise = 2.0 * np.maximum(band.error[1:], band.error[:-1])
         bends |= _bend(place, band.upper) > tolerance + noise
         bends &= abs(np.diff(place)) > shortest
-        if not bends.any():
-            break
         new = _middles(place)[bends]
+        if not new.size:
+            break
     return Refined(
         along(scenario, place) if len(place) > len(given) else scenario,
         band,
         np.flatnonzero(np.isin(place, given)),
-        len(place) < MAX_POSES,
+        len(place) + len(new) < MAX_POSES,
         tolerance,
     )
 

@@ -110,7 +110,8 @@ def test_a_lobe_that_only_a_roll_turns_to_the_radar(tmp_path):
     (tmp_path / "rcs.csv").write_text("azimuth_deg,elevation_deg,rcs_dbsm\n" + "\n".join(rows))
     errors = {"position_m": 10, "attitude_deg": [4, 0.05, 0.05]}
     table = {"model": "table", "file": "rcs.csv"}
-    found = flown(tmp_path, PAST, [radar(0.02)], table, errors).summary["threshold"]
+    rows = "40,-52000,80000,-3000\n115,-37000,80000,-3000\n"
+    found = flown(tmp_path, rows, [radar(0.02)], table, errors).summary["threshold"]
     assert found["verdict"] == "violated"
     assert found["highest_probability_above"]["value"] > 0.01
     assert found["highest_probability_above"]["time_s"] == pytest.approx(100, abs=12)

@@ -182,7 +182,7 @@ def test_a_lobe_of_a_third_of_a_degree_between_rows_is_found(tmp_path, kind, cen
         place = 20e3 * np.array([math.cos(towards), math.sin(towards)])
         across = np.array([-math.sin(towards), math.cos(towards)])
         header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg\n"
-        ends = [(time, *(place + 200 * (time - 43) * across)) for time in (0, 100)]
+        ends = [(time, *(place + 200 * (time - 8.1) * across)) for time in (0, 20)]
         text = header + "\n".join(f"{t},{n},{e},-10,0,0,0" for t, n, e in ends)
         s = rs.load_scenario(write_path(tmp_path, text, **common))
     snr = 2e-4 * 1.0 / (BOLTZMANN * 20e3**4)
