@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,7 @@ class RequiredAccuracy:
         residual: Value at `factor`, or at factor 0 if `factor` is None.
         place: Place of the residual on the scenario's axis.
         residual_from: Largest of the other sources at the place. "P_D itself" where P_D exceeds the
-            limit. None if all sources are scaled together.
+            limit. None if all sources are scaled together, or the method knows of no other.
         known: False if a larger factor may do: beyond `factor` there is no value, or no draw has
             confirmed one.
     """
@@ -132,6 +132,9 @@ class _Goal:
             found = np.where(agrees, values[rows], drawn)
             largest = int(np.argmax(reached(found)))
             pose, residual = int(rows[largest]), found[largest]
+            if factor and factor < np.inf:
+                # FORM grows with a source on and on, P_D only as far as a limit or a tolerance
+                known &= bool(residual >= self.limit - self._off)
         return RequiredAccuracy(
             factor=factor,
             residual=float(residual),
@@ -172,39 +175,44 @@ class _Goal:
         σ falls again where a factor scatters the states beyond a limit of a radar. A growth is
         therefore tried on the way, too.
         """
+        # draws that alone find a factor do not forgive what a method may be off
+        holds = partial(self._holds, names, self._allowed if factor else self.limit)
         if not factor:
             if known and self.method != AUTOMATIC:
                 return factor, known
-            certain = self._holds(names, -np.inf)
+            certain = holds(-np.inf)
             if not certain:
                 return None, certain is False
         last = LARGEST_LOG_FACTOR if not factor else min(float(np.log(factor)), LARGEST_LOG_FACTOR)
         low = None
         for high in (*np.arange(0.0, last, WAY).tolist(), last):
-            if not self._holds(names, high):
+            if not holds(high):
                 break
             low = high
         else:
             return (factor, known) if factor else (np.inf, True)
         if low is None:
             low = high - WAY
-            while not (holds := self._holds(names, low)):
+            while not (at_low := holds(low)):
                 if low == -LARGEST_LOG_FACTOR:
-                    impossible = self._holds(names, -np.inf) is False
-                    return (None, True) if impossible else (0.0, holds is False)
+                    impossible = holds(-np.inf) is False
+                    return (None, True) if impossible else (0.0, at_low is False)
                 low, high = max(low - 2.0 * (high - low), -LARGEST_LOG_FACTOR), low
         confirmed = low
         rows = np.union1d(*(self.rows(names, float(np.exp(end))) for end in (low, high)))
         while high - low > NEAR:
             middle = 0.5 * (low + high)
-            holds = self._holds(names, middle, rows)
-            low, high = (middle, high) if holds else (low, middle)
-        if self._holds(names, low):  # at its own poses too
+            low, high = (middle, high) if holds(middle, rows) else (low, middle)
+        if holds(low):  # at its own poses too
             confirmed = low
         return float(np.exp(confirmed)), False
 
     def _holds(
-        self, names: tuple[str, ...], log_factor: float, rows: NDArray[np.intp] | None = None
+        self,
+        names: tuple[str, ...],
+        limit: float,
+        log_factor: float,
+        rows: NDArray[np.intp] | None = None,
     ) -> bool | None:
         """Return whether draws say that the limit holds at a factor; None if they are not sure.
 
@@ -212,12 +220,13 @@ class _Goal:
 
         Args:
             names: Names of sources and parts.
+            limit: The limit.
             log_factor: ln of the factor on their standard deviations; −inf for 0.
             rows: Poses to judge; None takes the poses of `_rows`.
         """
         factor = float(np.exp(log_factor))
         rows = self.rows(names, factor) if rows is None else rows
-        most = self._allowed if self.k is None else float(ndtr(-self.k))
+        most = limit if self.k is None else float(ndtr(-self.k))
 
         def compared(found: Estimate) -> tuple[FloatArray, FloatArray]:
             """Return by how much (j,) the limit is exceeded, and the error that is sure."""
@@ -232,7 +241,7 @@ class _Goal:
             return np.asarray((abs(excess) >= sure) | np.any(excess > sure))
 
         changed = scaled(self.scenario, names, factor).at(rows)
-        looks = Looks(changed, self.k or 3.0, np.nan if self.k is None else self._allowed)
+        looks = Looks(changed, self.k or 3.0, np.nan if self.k is None else limit)
         excess, sure = compared(looks.until(settled, DRAWS))
         if np.any(excess > sure):
             return False
@@ -262,11 +271,17 @@ class _Goal:
         return found.upper, found.upper_error
 
     @property
+    def _off(self) -> float:
+        """By how much the value by a method may be off at the limit."""
+        if self.k is None:
+            return STD_CHANGE * self.limit
+        return min(BOUND_CHANGE, PART_OF_BOUND * min(self.limit, 1.0 - self.limit))
+
+    @property
     def _allowed(self) -> float:
-        """The limit, and what a value above it may be off."""
-        if self.k is not None:
-            return self.limit + min(BOUND_CHANGE, PART_OF_BOUND * self.limit)
-        return (1.0 + (STD_CHANGE if self.method in FIRST_ORDER else SLACK)) * self.limit
+        """The limit, and by how much draws may exceed it that confirm a factor by a method."""
+        exact = self.k is None and self.method not in FIRST_ORDER
+        return self.limit + (SLACK * self.limit if exact else self._off)
 
     def _largest_other(self, names: tuple[str, ...], pose: int) -> str | None:
         """Return the largest of the other sources; "P_D itself" where it exceeds the limit."""
@@ -282,7 +297,8 @@ class _Goal:
             position = f"{source}_position"
             others |= {name: c for name, c in budget.finer.items() if name == position}
         at_pose = {name: c.std[0] for name, c in others.items() if name not in names}
-        return max(at_pose, key=at_pose.__getitem__) if at_pose else None
+        largest = max(at_pose, key=at_pose.__getitem__, default="")
+        return largest if at_pose.get(largest, 0.0) > 0 else None
 
 
 def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[float, bool]:

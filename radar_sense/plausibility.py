@@ -133,7 +133,7 @@ def _floor(scenario: Scenario) -> Iterator[str]:
     visible = scenario.model.visible(scenario.aircraft, scenario.radar)
     if not visible.any():
         limits = "max_range_km, min_range_km, horizon and mask"
-        yield warning("never-seen", f"no radar sees the aircraft anywhere: see {limits}")
+        yield warning("never-seen", f"no radar sees the aircraft at a nominal pose: see {limits}")
         return
     p_d = scenario.model.p_d(scenario.aircraft, scenario.radar)
     floor = ndtr(scenario.model.floor(visible))

@@ -73,7 +73,8 @@ WARNINGS: dict[str, str] = {
     ),
     "never-seen": (
         "The aircraft is outside the limits of every radar at all poses: beyond its largest "
-        "range, within its least, or below its horizon. P_D has no meaning there."
+        "range, within its least, or below its horizon. P_D is 0 there, and only errors of the "
+        "states take the aircraft within a limit."
     ),
     "no-signal": (
         "P_D is what it is without an aircraft, the false alarms alone. A radar constant, RCS or "

@@ -198,7 +198,7 @@ def test_a_key(copy, outcomes):
     checked, found, negative, misspelt, schema, reference = (outcomes[line] for line in LINES[:6])
     assert [code for code, _ in (checked, found, negative, misspelt)] == [0, 0, 2, 2]
     assert "deaf_us: 4000\n" in checked[1]
-    assert "no radar sees the aircraft anywhere" in found[1]
+    assert "no radar sees the aircraft at a nominal pose" in found[1]
     record = read_record(copy / "figures/paper_variance.json")
     assert record["scenario"]["radar"]["deaf_us"] == 4000
     assert "radar.deaf_us: must be a number greater than 0, got -1" in negative[1]

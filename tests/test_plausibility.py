@@ -82,7 +82,7 @@ CERTAIN = {"uncertainty__radar__medium__constant": 0}
 IMPLAUSIBLE = [
     (
         {"radar__max_range_km": 100},
-        "no radar sees the aircraft anywhere: see max_range_km",
+        "no radar sees the aircraft at a nominal pose: see max_range_km",
         {},
     ),
     (

@@ -93,7 +93,8 @@ def budget(
     add("total_index_error", sources, "Standard error of the total Sobol' index of {c.name}.")
     add("three_sigma_error", (total,), "Standard error of three_sigma_total.")
 
-    if at_pose == 0:
+    off = std_off_in_scenario(scenario, found.mean, total.std, method=method)
+    if at_pose == 0 and not off.any():
         result.report += ["nothing to measure: P_D is certain"]
     elif at_pose > 0 and found.first:
         result.report += [_know_first(scenario, found.first, at_pose, pose)]
@@ -129,9 +130,8 @@ def budget(
         "dominates": dominates,
         **{name: value for name, value in optional.items() if value},
     }
+    result.warnings += words.std_warnings(axis, total.std, off, method)
     if method != MONTE_CARLO:
-        off = std_off_in_scenario(scenario, found.mean, total.std, method=method)
-        result.warnings += words.std_warnings(axis, total.std, off, method)
         words.add_radars_alone(result, {scenario.level: scenario})
     add_required_accuracy(result, target=target, threshold=threshold, k=k, at=at)
     result.warnings += words.table_warnings(scenario)

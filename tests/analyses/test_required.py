@@ -1,0 +1,53 @@
+"""What `budget --threshold` requires agrees with the threshold test, and with what is known."""
+
+import numpy as np
+import pytest
+from helpers import scenario
+
+import radar_sense as rs
+
+
+def near(constant, std, **keys):
+    return scenario(
+        radar={"position_m": [0, 0, 0], "p_fa": 1e-6, "detector": "swerling1", **keys},
+        radar__constant=constant,
+        aircraft={"rcs": {"model": "constant", "rcs_m2": 1.0}, "attitude_deg": [0, 0, 0]},
+        geometry={
+            "type": "radial",
+            "azimuth_deg": 0,
+            "azimuth_from": "north",
+            "down_km": -1,
+            "range_km": {"start": 60, "stop": 61, "step": 1},
+        },
+        uncertainty={
+            "aircraft": {"position_m": 10, "attitude_deg": 1},
+            "radar": {"now": {"position_m": 100, "constant": std}},
+        },
+        analysis={"level": "now"},
+    )
+
+
+@pytest.mark.parametrize(
+    ("constant", "std", "p_max", "impossible"),
+    [
+        (0.0008, 8e-7, 0.077, True),  # P_D itself is 0.0799, as P_fa^(1 / (1 + S)) says
+        (30, 3, 0.996, True),  # P_D itself is 0.9999, and the limit within 0.005 of 1
+        (0.0019, 0.00019, 0.391, False),  # P(P_D > 0.391) is 0.00182 ± 0.00004 in 1e6 draws
+    ],
+)
+def test_a_violated_threshold_requires_something(constant, std, p_max, impossible):
+    s = near(constant, std)
+    assert rs.analyses.variance(s, threshold=p_max).passed is False
+    required = rs.analyses.budget(s, threshold=p_max).summary["threshold"]["required_accuracy"]
+    for accuracy in required.values():
+        assert accuracy["factor"] is None or accuracy["factor"] < 1
+    assert (required["all"]["factor"] is None) == impossible
+
+
+def test_sigma_of_few_draws_that_reach_no_limit_is_no_certainty():
+    """The radar sees to 60.8 km, and one run in 541 is beyond it: P_D is 0 there, else 1."""
+    s = near(30, 0.03, max_range_km=60.8).at_poses(slice(0, 1))
+    s = s.at_states(s.aircraft + np.array([[500.0, 0, 0, 0, 0, 0]]))
+    result = rs.analyses.budget(s, method="montecarlo", runs=64)
+    assert not any("certain" in line for line in result.report)
+    assert any("[sigma-off]" in line for line in result.warnings)
