@@ -19,7 +19,7 @@ from helpers import document, read_record, read_table
 from radar_sense.command import ONE_RADAR
 
 ROOT = Path(__file__).parents[1]
-OLD_MIN_RANGE = "        min_range=_min_range(stated, sheet, place),\n"
+OLD_MIN_RANGE = "        min_range=_min_range(stated, sheet),\n"
 KEY = {
     "scenario_file/sections.py": (
         '    horizon: bool = key("Whether P_D is 0 below the horizon.", yes_no(), default=False)\n',
@@ -27,7 +27,7 @@ KEY = {
     ),
     "scenario_file/build_radar.py": (
         OLD_MIN_RANGE,
-        "        min_range=max(_min_range(stated, sheet, place), 150.0 * stated.deaf_us),\n",
+        "        min_range=max(_min_range(stated, sheet), 150.0 * stated.deaf_us),\n",
     ),
 }
 CLOSEST = '''"""How close the aircraft comes to each radar."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -28,45 +27,33 @@ from radar_sense.scenario_file.route_file import read_route
 from radar_sense.states import FloatArray
 
 
-def build(
-    file: sections.File, place: Place, again: Callable[[Mapping[str, Any]], Scenario]
-) -> Scenario:
+def build(file: sections.File, again: Callable[[Mapping[str, Any]], Scenario]) -> Scenario:
     """Return the scenario of a file.
 
     Args:
         file: The file.
-        place: Root of the file, for errors.
         again: Reads the file again with other values of some keys.
 
     Raises:
         InputError: If sections contradict each other, or a file that is named is not allowed.
     """
-    rcs, rcs_section = _rcs_by_band(file.aircraft.rcs, place["aircraft"]["rcs"])
-    geometry, flight_section = _geometry(file, place)
-    radars, radar_sections = zip(*radars_of(file, place, rcs, geometry), strict=True)
+    rcs = _rcs_by_band(file.aircraft.rcs)
+    geometry = _geometry(file)
+    radars = radars_of(file, rcs, geometry)
     for radar in radars:
-        _refuse_collision(place["geometry"], geometry, radar)
-        _refuse_uncovered(place["geometry"], geometry, radar)
-    geometry = _with_covariance(file.uncertainty, place["uncertainty"], geometry)
-    levels, level = radars[0].levels, file.analysis.level
-    read_word(place["analysis"]["level"], levels)
+        _refuse_collision(file.geometry.place, geometry, radar)
+        _refuse_uncovered(file.geometry.place, geometry, radar)
+    geometry = _with_covariance(file.uncertainty, geometry)
     scenario = Scenario(
         name=file.name,
         radars=radars,
         geometry=geometry,
-        level=level,
+        level=read_word(file.analysis.place["level"], radars[0].levels),
         runs=file.analysis.runs,
         seed=file.analysis.seed,
         method=file.analysis.method,
-        rcs_db=_rcs_db(file.uncertainty.aircraft, place["uncertainty"]["aircraft"], rcs),
+        rcs_db=_rcs_db(file.uncertainty.aircraft, rcs),
         correlation_s=float(file.uncertainty.aircraft_correlation_s),
-    )
-    aircraft = dataclasses.replace(file.aircraft, rcs=rcs_section)
-    file = dataclasses.replace(
-        file,
-        aircraft=aircraft,
-        geometry=flight_section,
-        **({"radars": radar_sections} if file.radar is None else {"radar": radar_sections[0]}),
     )
     return scenario.of_file(file, again)
 
@@ -74,57 +61,53 @@ def build(
 # The aircraft and its flight.
 
 
-def _rcs_by_band(stated: Any, place: Place) -> tuple[dict[str, RCS], Any]:
-    """Return the RCS by band, by "" where all radars have one, and its section with digests."""
-    if not isinstance(stated, sections.Bands):
-        rcs, section = _rcs(stated, place)
-        return {"": rcs}, section
-    both = {band: _rcs(own, place["bands"][band]) for band, own in stated.bands.items()}
-    section = sections.Bands(bands={band: section for band, (_, section) in both.items()})
-    return {band: rcs for band, (rcs, _) in both.items()}, section
+def _rcs_by_band(stated: Any) -> dict[str, RCS]:
+    """Return the RCS by band, by "" where all radars have one."""
+    by_band = stated.bands if isinstance(stated, sections.Bands) else {"": stated}
+    return {band: _rcs(own) for band, own in by_band.items()}
 
 
-def _rcs(stated: Any, place: Place) -> tuple[RCS, Any]:
-    """Return the RCS and its section, with the digest of the file of a table."""
+def _rcs(stated: Any) -> RCS:
     if not isinstance(stated, sections.Table):
-        return stated, stated
+        model: RCS = stated
+        return model
     mirror, sha256 = stated.mirror, stated.sha256
     envelope = None if stated.envelope_deg is None else stated.envelope_deg * DEG
-    return read_named(stated, place, lambda path: read_rcs_table(path, mirror, envelope, sha256))
+    return read_named(stated, lambda path: read_rcs_table(path, mirror, envelope, sha256))
 
 
-def _geometry(file: sections.File, place: Place) -> tuple[Geometry, Any]:
-    """Return the poses and the flight, and their section, with the digest of a route file."""
+def _geometry(file: sections.File) -> Geometry:
+    """Return the poses and the flight."""
     attitude = file.aircraft.attitude_deg
     if isinstance(file.geometry, sections.Path):
         if attitude is not None:
-            raise place["aircraft"]["attitude_deg"].error(
+            raise file.aircraft.place["attitude_deg"].error(
                 "must be left out with a path: attitude is from the route file or from its track"
             )
-        return _path(file.geometry, place["geometry"])
+        return _path(file.geometry)
     if attitude is None:
         kind = "a radial" if isinstance(file.geometry, sections.Radial) else "an orbit"
-        raise place["aircraft"].error(f"missing key 'attitude_deg', required on {kind}")
+        raise file.aircraft.place.error(f"missing key 'attitude_deg', required on {kind}")
     stated, level = file.geometry, np.array(attitude) * DEG
     of_both: dict[str, Any] = {"down": stated.down_km * KM, "azimuth_from": stated.azimuth_from}
     if isinstance(stated, sections.Radial):
-        along = axis.ground_range(_steps(stated.range_km, place["geometry"]["range_km"]["step"]))
-        return Radial.of(along, level, azimuth=float(stated.azimuth_deg), **of_both), stated
-    around = axis.azimuth(_steps(stated.azimuth_deg, place["geometry"]["azimuth_deg"]["step"]))
-    return Orbit.of(around, level, radius=stated.range_km * KM, **of_both), stated
+        along = axis.ground_range(_steps(stated.range_km))
+        return Radial.of(along, level, azimuth=float(stated.azimuth_deg), **of_both)
+    around = axis.azimuth(_steps(stated.azimuth_deg))
+    return Orbit.of(around, level, radius=stated.range_km * KM, **of_both)
 
 
-def _steps(stated: sections.Sweep | sections.Ranges, place: Place) -> FloatArray:
+def _steps(stated: sections.Sweep | sections.Ranges) -> FloatArray:
     """Return azimuths (n,) [deg] or ground ranges (n,) [km]."""
     try:
         return axis.steps(float(stated.start), float(stated.stop), float(stated.step), MAX_ROWS)
     except InputError as error:
-        raise place.error(f"{error}") from error
+        raise stated.place["step"].error(f"{error}") from error
 
 
-def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
+def _path(stated: sections.Path) -> Path:
     origin = None if stated.origin is None else on_earth(stated.origin)
-    route, section = read_named(stated, place, lambda path: read_route(path, stated, origin))
+    route = read_named(stated, lambda path: read_route(path, stated, origin))
     of_flight: dict[str, Any] = {}
     if stated.interpolate is not None:
         step_s, method = float(stated.interpolate.step_s), stated.interpolate.method
@@ -132,9 +115,9 @@ def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
         try:
             route = resample(route, step_s, method)
         except InputError as error:
-            raise place["interpolate"].error(f"{error}") from error
+            raise stated.interpolate.place.error(f"{error}") from error
     along = axis.time(route.time_s) if stated.axis == "time" else axis.distance(route.distance_m)
-    flight = Path(
+    return Path(
         along,
         route.aircraft,
         CERTAIN if route.covariance is None else route.covariance,
@@ -142,35 +125,35 @@ def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
         origin=route.origin,
         **of_flight,
     )
-    return flight, section
 
 
-def _with_covariance(stated: sections.Uncertainty, place: Place, geometry: Geometry) -> Geometry:
+def _with_covariance(stated: sections.Uncertainty, geometry: Geometry) -> Geometry:
     """Return the poses with C_aa (6, 6), or with C_aa of each pose (n, 6, 6)."""
     own = stated.aircraft
     if geometry.covariance.ndim == 3:
-        if own is not None and {*place["aircraft"].items()} != {"rcs_db"}:
-            raise place["aircraft"].error(
+        if own is not None and {*own.place.items()} != {"rcs_db"}:
+            raise own.place.error(
                 "must be left out here, or the columns std_... and cov_... in the route file: "
                 "both state the uncertainty of the aircraft"
             )
         return geometry
     if own is None:
-        raise place.error("missing key 'aircraft', required unless the route file has std_...")
-    place = place["aircraft"]
-    matrix = covariance_of(own, place, {"position_m": (3, 1.0), "attitude_deg": (3, DEG)})
+        raise stated.place.error(
+            "missing key 'aircraft', required unless the route file has std_..."
+        )
+    matrix = covariance_of(own, {"position_m": (3, 1.0), "attitude_deg": (3, DEG)})
     try:
         return geometry.with_covariance(matrix)
     except InputError as error:
-        raise place.error(f"{error}") from error
+        raise own.place.error(f"{error}") from error
 
 
-def _rcs_db(stated: sections.PoseUncertainty | None, place: Place, rcs: Mapping[str, RCS]) -> float:
+def _rcs_db(stated: sections.PoseUncertainty | None, rcs: Mapping[str, RCS]) -> float:
     """Return the standard deviation of the RCS [dB]."""
     if stated is None or not stated.rcs_db:
         return 0.0
     if any(getattr(own, "spread", None) is not None for own in rcs.values()):
-        raise place["rcs_db"].error(
+        raise stated.place["rcs_db"].error(
             "stands beside the column std_db of the RCS table; give only one of the two: both are "
             "the uncertainty of the RCS"
         )

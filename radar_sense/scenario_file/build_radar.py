@@ -1,14 +1,13 @@
 """From the sections of radars to `Radar`: data sheets, levels, types, and what they depend on.
 
-Everywhere `stated` is a section, and `place` is where the file has it, for errors.
+Everywhere `stated` is a section.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,29 +43,23 @@ from radar_sense.source_names import name_problem
 from radar_sense.states import POSITION, FloatArray
 
 
-def radars_of(
-    file: sections.File, place: Place, rcs: Mapping[str, RCS], geometry: Geometry
-) -> list[tuple[Radar, sections.Radar]]:
-    """Return each radar, and its section with the digests of its files."""
-    uncertainty, types = place["uncertainty"], partial(_shared, file.types or {}, place["types"])
+def radars_of(file: sections.File, rcs: Mapping[str, RCS], geometry: Geometry) -> tuple[Radar, ...]:
+    """Return the radars."""
+    levels, place = file.uncertainty.radar, file.uncertainty.place
     if file.radar is not None:
-        if file.uncertainty.radar is None:
-            raise uncertainty.error("missing key 'radar', required with 'radar'")
-        levels, at = file.uncertainty.radar, uncertainty["radar"]
-        return [_radar(file.radar, levels, place["radar"], at, rcs, geometry, types)]
-    if file.uncertainty.radar is not None:
-        raise uncertainty["radar"].error(
+        if levels is None:
+            raise place.error("missing key 'radar', required with 'radar'")
+        return (_radar(file.radar, levels, file, rcs, geometry),)
+    if levels is not None:
+        raise place["radar"].error(
             "must be left out here: give 'uncertainty' of each radar in 'radars'"
         )
     stated = file.radars or ()
     for i, radar in enumerate(stated):
         names = [r.name for r in stated[: i + 1]]
-        _refuse_name(names, [*rcs], [*(file.types or {})], place["radars"][i]["name"])
-        _refuse_other_levels(stated[0], radar, place["radars"][i]["uncertainty"])
-    return [
-        _radar(radar, radar.uncertainty, entry, entry["uncertainty"], rcs, geometry, types)
-        for radar, entry in zip(stated, place["radars"].entries(), strict=True)
-    ]
+        _refuse_name(names, [*rcs], [*(file.types or {})], radar.place["name"])
+        _refuse_other_levels(stated[0], radar)
+    return tuple(_radar(radar, radar.uncertainty, file, rcs, geometry) for radar in stated)
 
 
 def _refuse_name(
@@ -80,20 +73,18 @@ def _refuse_name(
         raise place.error(problem)
 
 
-def _refuse_other_levels(
-    first: sections.NamedRadar, radar: sections.NamedRadar, place: Place
-) -> None:
+def _refuse_other_levels(first: sections.NamedRadar, radar: sections.NamedRadar) -> None:
     """Raise InputError unless a radar has the levels of the first."""
     expected, levels = list(first.uncertainty), radar.uncertainty
-    for level in levels:
+    for level, stated in levels.items():
         if level not in expected:
-            raise place[level].error(
+            raise stated.place.error(
                 f"must be a level that radar {first.name!r} has too: {', '.join(expected)}"
                 + did_you_mean(level, set(expected) - set(levels))
             )
     missing = [level for level in expected if level not in levels]
     if missing:
-        raise place.error(
+        raise radar.place["uncertainty"].error(
             f"missing level '{missing[0]}'; radar {radar.name!r} must have the levels that radar "
             f"{first.name!r} has: {', '.join(expected)}"
         )
@@ -102,86 +93,75 @@ def _refuse_other_levels(
 def _radar(
     stated: sections.Radar,
     levels: sections.Levels,
-    place: Place,
-    at_levels: Place,
+    file: sections.File,
     rcs: Mapping[str, RCS],
     geometry: Geometry,
-    types: Callable[..., dict[str, tuple[Any, Place]]],
-) -> tuple[Radar, sections.Radar]:
-    """Return a radar, and its section with the digests of its files.
+) -> Radar:
+    """Return a radar.
 
     Args:
         stated: Its section.
         levels: Its levels of uncertainty.
-        place: Where the section is.
-        at_levels: Where the levels are.
+        file: The file, which has what the radars of a type share.
         rcs: RCS of the aircraft by band.
         geometry: The poses, which have the frame.
-        types: What the radars of a type share.
     """
-    sheet = _data_sheet(stated, place)
-    _refuse_detector(stated, place["detector"])
+    sheet = _data_sheet(stated)
+    _refuse_detector(stated)
     attenuation = stated.attenuation_db_per_km * PER_KM
-    band = _band(stated, place, rcs)
-    shared = types(stated, place, list(levels))
-    position, turn = _position(stated, place, geometry)
-    stated, antenna, mask = _by_direction(stated, place, np.eye(3) if turn is None else turn)
+    band = _band(stated, rcs)
+    shared = _shared(file, stated, [*levels])
+    position, turn = _position(stated, geometry)
+    antenna, mask = _by_direction(stated, np.eye(3) if turn is None else turn)
     model = DetectionModel(rcs[band], float(stated.p_fa), stated.detector, attenuation, antenna)
     constant = stated.constant if sheet is None else sheet.constant
     period = stated.scan_period_s
-    radar = Radar(
+    return Radar(
         model,
         name=getattr(stated, "name", ""),
         state=np.array([*position, constant], dtype=float),
         levels={
-            name: _level(
-                level, at_levels[name], sheet, model, turn, stated.type or "", shared.get(name)
-            )
+            name: _level(level, sheet, model, turn, stated.type or "", shared.get(name))
             for name, level in levels.items()
         },
         max_range=math.inf if stated.max_range_km is None else stated.max_range_km * KM,
-        min_range=_min_range(stated, sheet, place),
+        min_range=_min_range(stated, sheet),
         horizon=Horizon(geometry.origin) if stated.horizon else None,
         scan_period=None if period is None else float(period),
         sheet=sheet,
         band=band,
         mask=mask,
     )
-    return radar, stated
 
 
 def _by_direction(
-    stated: sections.Radar, place: Place, axes: FloatArray
-) -> tuple[sections.Radar, ElevationGain | None, Mask | None]:
-    """Return the section of a radar with the digests of its files, its antenna and its mask.
+    stated: sections.Radar, axes: FloatArray
+) -> tuple[ElevationGain | None, Mask | None]:
+    """Return the antenna and the mask of a radar.
 
     The axes (3, 3) are north, east and down at the radar, in the frame of the poses.
     """
     antenna = mask = None
     if stated.elevation_gain is not None:
-        curve, file = _curve(
-            stated.elevation_gain, place["elevation_gain"], "a file of gains", GAIN_COLUMNS
-        )
-        stated = dataclasses.replace(stated, elevation_gain=file)
+        curve = _curve(stated.elevation_gain, "a file of gains", GAIN_COLUMNS)
         antenna = ElevationGain(*curve, stated.tilt_deg * DEG, axes=axes)
     elif stated.tilt_deg:
-        raise place["tilt_deg"].error("needs elevation_gain, the gain that is tilted")
+        raise stated.place["tilt_deg"].error("needs elevation_gain, the gain that is tilted")
     if stated.mask is not None:
-        curve, file = _curve(stated.mask, place["mask"], "a file of a mask", MASK_COLUMNS)
-        stated, mask = dataclasses.replace(stated, mask=file), Mask(*curve, axes=axes)
-    return stated, antenna, mask
+        mask = Mask(*_curve(stated.mask, "a file of a mask", MASK_COLUMNS), axes=axes)
+    return antenna, mask
 
 
 def _curve(
-    stated: str | sections.DataFile, place: Place, kind: str, columns: Mapping[str, Column]
-) -> tuple[tuple[FloatArray, FloatArray], sections.DataFile]:
-    """Return the angles and values of a file, and its section with the digest."""
-    named = sections.DataFile(file=stated) if isinstance(stated, str) else stated
-    return read_named(named, place, lambda path: read_curve(path, kind, columns, named.sha256))
+    stated: sections.DataFile, kind: str, columns: Mapping[str, Column]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the angles and values of a file."""
+    return read_named(stated, lambda path: read_curve(path, kind, columns, stated.sha256))
 
 
-def _band(stated: sections.Radar, place: Place, rcs: Mapping[str, RCS]) -> str:
+def _band(stated: sections.Radar, rcs: Mapping[str, RCS]) -> str:
     """Return the band of a radar, "" where all radars have one RCS."""
+    place = stated.place
     if "" in rcs:
         if stated.band is not None:
             raise place["band"].error("needs aircraft.rcs.bands, an RCS by band")
@@ -196,15 +176,13 @@ def _band(stated: sections.Radar, place: Place, rcs: Mapping[str, RCS]) -> str:
     return stated.band
 
 
-def _position(
-    stated: sections.Radar, place: Place, geometry: Geometry
-) -> tuple[FloatArray, FloatArray | None]:
+def _position(stated: sections.Radar, geometry: Geometry) -> tuple[FloatArray, FloatArray | None]:
     """Return north, east, down (3,) [m], and the turn (3, 3) of local axes to the frame, if any."""
     if stated.position_geodetic is None:
         return np.array(stated.position_m), None
     origin = geometry.origin
     if origin is None:
-        raise place["position_geodetic"].error(
+        raise stated.position_geodetic.place.error(
             "needs a path whose route is in latitude and longitude, with its geometry.origin; "
             "here give position_m"
         )
@@ -212,8 +190,9 @@ def _position(
     return ned_from_geodetic(geodetic, origin), turn_to_origin(geodetic, origin)
 
 
-def _refuse_detector(stated: sections.Radar, place: Place) -> None:
+def _refuse_detector(stated: sections.Radar) -> None:
     detector: Detector = stated.detector
+    place = stated.place["detector"]
     if not isinstance(detector, PulseDetector):
         return
     looks = detector.pulses * (detector.binary.n if detector.binary else 1)
@@ -228,12 +207,12 @@ def _refuse_detector(stated: sections.Radar, place: Place) -> None:
         raise place.error(f"{error}") from error
 
 
-def _min_range(stated: sections.Radar, sheet: DataSheet | None, place: Place) -> float:
+def _min_range(stated: sections.Radar, sheet: DataSheet | None) -> float:
     """Return the slant range [m] within which a radar detects nothing."""
     min_range, key = stated.min_range_km * KM, "min_range_km"
     if stated.eclipsing:
         if sheet is None or "pulse_width_us" not in sheet.values:
-            raise place["eclipsing"].error(
+            raise stated.place["eclipsing"].error(
                 "needs the length of the pulse, pulse_width_us of 'tracking'; here give "
                 "min_range_km"
             )
@@ -241,7 +220,7 @@ def _min_range(stated: sections.Radar, sheet: DataSheet | None, place: Place) ->
         if eclipsed > min_range:
             min_range, key = eclipsed, "eclipsing"
     if stated.max_range_km is not None and min_range >= stated.max_range_km * KM:
-        raise place[key].error(
+        raise stated.place[key].error(
             f"hides the target within {min_range / KM:g} km, must be less than max_range_km, "
             f"{stated.max_range_km:g} km"
         )
@@ -250,46 +229,43 @@ def _min_range(stated: sections.Radar, sheet: DataSheet | None, place: Place) ->
 
 def _level(
     stated: sections.RadarUncertainty,
-    place: Place,
     sheet: DataSheet | None,
     model: DetectionModel,
     turn: FloatArray | None,
     type_name: str,
-    shared: tuple[Any, Place] | None,
+    shared: Any,
 ) -> Level:
     """Return the uncertainty of a radar at one level, in the frame of the poses.
 
     Args:
         stated: The section.
-        place: Where it is.
         sheet: Data sheet of the radar, or None.
         model: Detection model of the radar.
         turn: Turn (3, 3) to the frame from north, east and down at a radar in latitude and
             longitude, where the file has the covariance; None if they are the same.
         type_name: Type of the radar.
-        shared: What the radars of its type share, and where; None without a type.
+        shared: The `Tolerances` that the radars of its type share; None without a type.
     """
-    tolerances: tuple[Tolerance, ...] = ()
+    place, tolerances = stated.place, tuple[Tolerance, ...]()
     if isinstance(stated.constant, sections.Tolerances):
-        tolerances = _tolerances(stated.constant, place["constant"], sheet)
+        tolerances = _tolerances(stated.constant, sheet)
     if shared is not None:
         if not tolerances and (stated.covariance is not None or stated.constant):
             raise (place if stated.constant is None else place["constant"]).error(
                 "must have standard deviations by parameter, or constant: 0, as the radar has a "
                 f"type: the errors of type {type_name!r} are of parameters too"
             )
-        of_type, at = shared
-        both = _tolerances(of_type, at, sheet)
+        both = _tolerances(shared, sheet)
         if twice := {t.key for t in tolerances} & {t.key for t in both}:
-            raise at.error(
+            raise shared.place.error(
                 f"{min(twice)} stands at a radar of this type too; give only one of the two"
             )
         tolerances += tuple(dataclasses.replace(t, shared=type_name) for t in both)
+    std = {}
     if tolerances:
         assert sheet is not None
-        std = sheet.constant * relative_std(tolerances)
-        stated = dataclasses.replace(stated, constant=std)
-    matrix = covariance_of(stated, place, {"position_m": (3, 1.0), "constant": (1, 1.0)})
+        std = {"constant": sheet.constant * relative_std(tolerances)}
+    matrix = covariance_of(stated, {"position_m": (3, 1.0), "constant": (1, 1.0)}, **std)
     if turn is not None:
         frame = np.eye(len(matrix))
         frame[POSITION, POSITION] = turn
@@ -306,32 +282,31 @@ def _level(
     return Level(matrix, tolerances, std_attenuation, stated.tilt_deg * DEG)
 
 
-def _shared(
-    types: sections.Types, at: Place, radar: sections.Radar, place: Place, levels: list[str]
-) -> dict[str, tuple[Any, Place]]:
-    """Return what a radar shares with others of its type, and where, by level; {} without one."""
+def _shared(file: sections.File, radar: sections.Radar, levels: Sequence[str]) -> Mapping[str, Any]:
+    """Return what a radar shares with others of its type by level; {} without a type."""
+    types = file.types or {}
     if radar.type is None:
         return {}
     if radar.type not in types:
         known = ", ".join(types) or "none is there"
-        raise place["type"].error(
+        raise radar.place["type"].error(
             f"must be one of types ({known}), got {radar.type!r}" + did_you_mean(radar.type, types)
         )
-    own, at = types[radar.type], at[radar.type]
-    if own.keys() != {*levels}:
+    if types[radar.type].keys() != {*levels}:
+        at = file.place["types"][radar.type]
         raise at.error(f"must have the levels of its radars: {', '.join(levels)}")
-    return {level: (own[level], at[level]) for level in levels}
+    return types[radar.type]
 
 
 # Data sheets.
 
 
-def _data_sheet(stated: sections.Radar, place: Place) -> DataSheet | None:
+def _data_sheet(stated: sections.Radar) -> DataSheet | None:
     """Return the data sheet of a radar, or None for a constant."""
     kind = next((kind for kind in RADARS if getattr(stated, kind) is not None), None)
     if kind is None:
         return None
-    sheet, place = getattr(stated, kind), place[kind]
+    sheet = getattr(stated, kind)
     losses: Mapping[str, float] = getattr(sheet, LOSSES_KEY) or {}
     given = _given(sheet)
     factor = given.pop("search_factor", None)
@@ -345,12 +320,12 @@ def _data_sheet(stated: sections.Radar, place: Place) -> DataSheet | None:
     for name in losses:
         column = column_name(loss_key(name))
         if column in (k.name for k in keys_of(type(sheet))):
-            raise place[LOSSES_KEY][name].error(
+            raise sheet.place[LOSSES_KEY][name].error(
                 f"must have another name, as {column!r} is a key of the radar"
             )
     constant = RADARS[kind](**arguments).constant()
     if not SMALLEST <= constant <= LARGEST:
-        raise place.error(
+        raise sheet.place.error(
             f"makes the radar constant {constant:g} J m^2/K, allowed is {SMALLEST:g} to {LARGEST:g}"
         )
     return DataSheet(kind, constant, given)
@@ -364,8 +339,9 @@ def _given(section: Any) -> dict[str, Any]:
     return given | {loss_key(name): loss for name, loss in losses.items()}
 
 
-def _tolerances(stated: Any, place: Place, sheet: DataSheet | None) -> tuple[Tolerance, ...]:
+def _tolerances(stated: Any, sheet: DataSheet | None) -> tuple[Tolerance, ...]:
     """Return the tolerances of parameters of a data sheet."""
+    place = stated.place
     if sheet is None:
         raise place.error(
             f"must be {NOT_NEGATIVE}, got a mapping; standard deviations by parameter need "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import TypeVar
@@ -17,7 +16,6 @@ from radar_sense.scenario_file.text_file import DigestError, FileError
 from radar_sense.states import FloatArray
 
 C = TypeVar("C")
-N = TypeVar("N", sections.DataFile, sections.Table, sections.Path)
 
 #: One kilometre in metres, and one per kilometre in one per metre.
 KM, PER_KM = 1e3, 1e-3
@@ -28,25 +26,29 @@ def on_earth(place: sections.Geodetic) -> tuple[float, float, float]:
     return place.latitude_deg * DEG, place.longitude_deg * DEG, float(place.altitude_m)
 
 
-def read_named(stated: N, place: Place, read: Callable[[FilePath], tuple[C, str]]) -> tuple[C, N]:
-    """Return what the file that a section names holds, and the section with its digest.
+def read_named(
+    stated: sections.DataFile | sections.Table | sections.Path,
+    read: Callable[[FilePath], tuple[C, str]],
+) -> C:
+    """Return what the file that a section names holds, and let the section have its digest.
 
     Errors about the file as a whole get the place of the key that names it. Errors with a line of
     the file stay as they are.
 
     Args:
         stated: The section.
-        place: The section, for errors.
         read: Returns the content of a file and its SHA-256.
     """
+    place = stated.place
     path = FilePath(place.file).parent / stated.file
     try:
-        content, sha256 = read(path)
+        content, stated.sha256 = read(path)
     except DigestError as error:
         raise place["sha256"].error(f"{error}") from error
     except FileError as error:
         raise (place["file"] if place.is_mapping else place).error(f"{error}") from error
-    return content, dataclasses.replace(stated, file=_recorded(path), sha256=sha256)
+    stated.file = _recorded(path)
+    return content
 
 
 def _recorded(path: FilePath) -> str:
@@ -60,16 +62,17 @@ def _recorded(path: FilePath) -> str:
 
 def covariance_of(
     stated: sections.PoseUncertainty | sections.RadarUncertainty,
-    place: Place,
     parts: Mapping[str, tuple[int, float]],
+    **values: float,
 ) -> FloatArray:
     """Return a covariance in SI from its parts, or from the whole.
 
     Args:
         stated: The section.
-        place: The section, for errors.
         parts: Size of each part, and SI value of 1 in the unit of the part.
+        values: Values of parts in place of those of the section.
     """
+    place = stated.place
     if stated.covariance is not None:
         units = np.concatenate([np.full(size, unit) for size, unit in parts.values()])
         return _matrix(stated.covariance, place["covariance"]) * np.outer(units, units)
@@ -77,7 +80,7 @@ def covariance_of(
     start = 0
     for name, (size, unit) in parts.items():
         block = slice(start, start + size)
-        value = getattr(stated, name)
+        value = values.get(name, getattr(stated, name))
         if value is None:
             raise place.error(f"missing key '{name}', required without covariance")
         if isinstance(value, tuple) and isinstance(value[0], tuple):

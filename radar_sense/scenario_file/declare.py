@@ -1,13 +1,14 @@
 """A section of a scenario file is a dataclass. Reading, record, schema and reference come from it.
 
     @dataclass(frozen=True, kw_only=True)
-    class Circle:
+    class Circle(Section):
         range_km: float = key("Horizontal radius of the orbit.", NOT_NEGATIVE)
         azimuth_from: str = key("Direction of azimuth 0.", ("east", "north"), default="east")
 
 `read(place, Circle)` returns a `Circle` with the numbers as typed, or raises an error with file,
-line, path of keys, what is allowed and what was probably meant. `write(circle)` is the section as
-in a file. `schema(Circle)` is its JSON Schema. `keys_of(Circle)` are its declarations.
+line, path of keys, what is allowed and what was probably meant. The circle knows its place, for
+later errors about it. `write(circle)` is the section as in a file. `schema(Circle)` is its JSON
+Schema. `keys_of(Circle)` are its declarations.
 
 What the value of a key may be is a `Kind`, which `number`, `words`, `section` and so on return. The
 classes of RCS models, detectors and CFARs are sections too. They declare their fields by `limits`.
@@ -42,6 +43,19 @@ _BRACKETS = re.compile(r" \[([^]]*)\]")
 
 
 # Declarations.
+
+
+class Section:
+    """A mapping of a file, as a dataclass of keys.
+
+    Attributes:
+        place: Where `read` has found it.
+    """
+
+    place: Place
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "place"}
 
 
 @dataclass(frozen=True)
@@ -207,11 +221,17 @@ def read(place: Place, cls: type[S], word: str = "", others: Mapping[str, type] 
         if name not in allowed:
             raise _unknown(place, name, allowed, owners)
     _check_present(place, items, keys, word)
-    values = {k.field: k.kind.read(items[k.name]) for k in keys if k.name in items}
+    return _made(cls, {k.field: k.kind.read(items[k.name]) for k in keys if k.name in items}, place)
+
+
+def _made(cls: type[S], values: Mapping[str, Any], place: Place) -> S:
     try:
-        return cls(**values)
+        section = cls(**values)
     except ValueError as error:
         raise place.error(f"{error}") from error
+    if isinstance(section, Section):
+        object.__setattr__(section, "place", place)  # sections are frozen
+    return section
 
 
 def _unknown(
@@ -617,9 +637,20 @@ def list_of(cls: type, most: int, what: str) -> Kind:
     )
 
 
-def or_section(kind: Kind | Limit | Text, cls: type) -> Kind:
-    """Return a kind, or a section in its place: a mapping, with a key of it if both are one."""
+def or_section(kind: Kind | Limit | Text, cls: type, *, alone: str = "") -> Kind:
+    """Return a kind, or a section in its place: a mapping, with a key of it if both are one.
+
+    Args:
+        kind: The kind.
+        cls: The dataclass.
+        alone: Key of the section for which a value of the kind stands alone; "" for none.
+    """
     first, instead, names = _kind(kind), section(cls), {k.name for k in keys_of(cls)}
+    if alone:
+        read_alone = first.read
+        first = dataclasses.replace(
+            first, read=lambda place: _made(cls, {alone: read_alone(place)}, place)
+        )
 
     def of_place(place: Place) -> Kind:
         is_section = place.is_mapping and (not first.sections() or names & place.items().keys())

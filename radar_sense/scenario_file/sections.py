@@ -38,6 +38,7 @@ from radar_sense.model.radar_equation import LOSSES, LOSSES_KEY, RADARS, SEARCH_
 from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.model.rcs_table import ENVELOPE
 from radar_sense.scenario_file.declare import (
+    Section,
     by_word,
     deviations,
     key,
@@ -74,7 +75,7 @@ _STEADY = dict.fromkeys(("swerling0", "swerling5"), "marcum")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Geodetic:
+class Geodetic(Section):
     """A place on the earth."""
 
     latitude_deg: float = key("WGS-84 latitude.", Limit(at_least=-90, at_most=90))
@@ -86,14 +87,16 @@ def _section(name: str, doc: str, keys: Mapping[str, Any]) -> type:
     """Return a section of this module that is made of keys by name."""
     namespace = {"__doc__": doc, "__module__": __name__}
     fields = [(key, Any, declared) for key, declared in keys.items()]
-    return dataclasses.make_dataclass(name, fields, namespace=namespace, frozen=True, kw_only=True)
+    return dataclasses.make_dataclass(
+        name, fields, bases=(Section,), namespace=namespace, frozen=True, kw_only=True
+    )
 
 
 # The uncertainty.
 
 
 @dataclass(frozen=True, kw_only=True)
-class HalfWidth:
+class HalfWidth(Section):
     """A rectangular distribution: limits in place of a standard deviation."""
 
     half_width: float = key("Half width, in the unit of the parameter.", NOT_NEGATIVE)
@@ -126,7 +129,7 @@ _TYPES = dataclasses.replace(
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseUncertainty:
+class PoseUncertainty(Section):
     """The uncertainty of the aircraft, the same at all poses."""
 
     position_m: Any = key(
@@ -153,7 +156,7 @@ class PoseUncertainty:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RadarUncertainty:
+class RadarUncertainty(Section):
     """The uncertainty of a radar at one level."""
 
     position_m: Any = key(
@@ -187,7 +190,7 @@ _LEVELS = named(LEVEL_NAME, section(RadarUncertainty), "level of uncertainty")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Uncertainty:
+class Uncertainty(Section):
     """The uncertainty of the states."""
 
     aircraft: PoseUncertainty | None = key(
@@ -234,8 +237,8 @@ def _data_sheet(kind: str) -> type:
 Surveillance, Tracking = _data_sheet("surveillance"), _data_sheet("tracking")
 
 
-@dataclass(frozen=True, kw_only=True)
-class DataFile:
+@dataclass(kw_only=True)  # and not frozen: who reads the file sets its name and digest
+class DataFile(Section):
     """A file beside the scenario file, and what it must have in it."""
 
     file: str = key(*_CSV_FILE)
@@ -243,11 +246,11 @@ class DataFile:
 
 
 #: The name of a file, or a `DataFile`.
-_DATA_FILE = or_section(_FILE, DataFile)
+_DATA_FILE = or_section(_FILE, DataFile, alone="file")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Radar:
+class Radar(Section):
     """The only radar."""
 
     position_m: tuple[float, float, float] | None = key(
@@ -288,12 +291,12 @@ class Radar:
         default=False,
     )
     horizon: bool = key("Whether P_D is 0 below the horizon.", yes_no(), default=False)
-    mask: str | DataFile | None = key(
+    mask: DataFile | None = key(
         "CSV file with the lowest visible elevation by azimuth; P_D is 0 below.",
         _DATA_FILE,
         default=None,
     )
-    elevation_gain: str | DataFile | None = key(
+    elevation_gain: DataFile | None = key(
         "CSV file with the relative gain of the antenna by elevation, which counts there and back.",
         _DATA_FILE,
         default=None,
@@ -314,7 +317,7 @@ class Radar:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Name:
+class _Name(Section):
     name: str = key("Name of the radar in columns and figures.", RADAR_NAME)
 
 
@@ -328,8 +331,8 @@ class NamedRadar(Radar, _Name):  # in this order the name is the first key
 # The aircraft and its flight.
 
 
-@dataclass(frozen=True, kw_only=True)
-class Table:
+@dataclass(kw_only=True)
+class Table(Section):
     """An RCS table."""
 
     file: str = key(*_CSV_FILE)
@@ -348,7 +351,7 @@ _ONE_RCS = by_word("model", _RCS)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bands:
+class Bands(Section):
     """The radar cross section by frequency band. Its error is one for the radars of a band."""
 
     bands: Mapping[str, Any] = key(
@@ -357,7 +360,7 @@ class Bands:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Aircraft:
+class Aircraft(Section):
     """The aircraft."""
 
     rcs: Any = key("Radar cross section, of all radars or by band.", or_section(_ONE_RCS, Bands))
@@ -369,7 +372,7 @@ class Aircraft:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sweep:
+class Sweep(Section):
     """Azimuths of the poses."""
 
     start: float = key("First azimuth [°].", _AZIMUTH)
@@ -378,7 +381,7 @@ class Sweep:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Orbit:
+class Orbit(Section):
     """A level circle about the origin."""
 
     range_km: float = key("Horizontal radius of the orbit.", NOT_NEGATIVE)
@@ -388,7 +391,7 @@ class Orbit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ranges:
+class Ranges(Section):
     """Ground ranges of the poses."""
 
     start: float = key("First ground range [km].", NOT_NEGATIVE)
@@ -397,7 +400,7 @@ class Ranges:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Radial:
+class Radial(Section):
     """A level straight line away from the origin."""
 
     range_km: Ranges = key("Ground ranges of the poses from the origin.", Ranges)
@@ -407,15 +410,15 @@ class Radial:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Interpolation:
+class Interpolation(Section):
     """Poses at equal steps of time."""
 
     step_s: float = key("Step of time.", POSITIVE)
     method: str = key("Interpolation in time.", tuple(trajectory.METHODS), default="legs")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Path:
+@dataclass(kw_only=True)
+class Path(Section):
     """The path of a route file."""
 
     file: str = key("Name of a route file, from the folder of the scenario file.", _FILE)
@@ -463,7 +466,7 @@ class Path:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Analysis:
+class Analysis(Section):
     """Choices for the analyses."""
 
     level: str = key("Level of uncertainty of the radar, one of its levels.", LEVEL_NAME)
@@ -475,7 +478,7 @@ class Analysis:
 
 
 @dataclass(frozen=True, kw_only=True)
-class File:
+class File(Section):
     """A scenario file."""
 
     name: str = key("Stem of the names of the files written.", NAME)
