@@ -23,7 +23,7 @@ from radar_sense.scenario_file.conversion import KM, covariance_of, on_earth, re
 from radar_sense.scenario_file.declare import read_word
 from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.rcs_file import read_rcs_table
-from radar_sense.scenario_file.route_file import read_route
+from radar_sense.scenario_file.route_file import ROUTE_FILE, read_route
 from radar_sense.states import FloatArray
 
 
@@ -71,9 +71,9 @@ def _rcs(stated: Any) -> RCS:
     if not isinstance(stated, sections.Table):
         model: RCS = stated
         return model
-    mirror, sha256 = stated.mirror, stated.sha256
-    envelope = None if stated.envelope_deg is None else stated.envelope_deg * DEG
-    return read_named(stated, lambda path: read_rcs_table(path, mirror, envelope, sha256))
+    mirror, degrees = stated.mirror, stated.envelope_deg
+    envelope = None if degrees is None else degrees * DEG
+    return read_named(stated, "an RCS table", lambda file: read_rcs_table(file, mirror, envelope))
 
 
 def _geometry(file: sections.File) -> Geometry:
@@ -107,7 +107,7 @@ def _steps(stated: sections.Sweep | sections.Ranges) -> FloatArray:
 
 def _path(stated: sections.Path) -> Path:
     origin = None if stated.origin is None else on_earth(stated.origin)
-    route = read_named(stated, lambda path: read_route(path, stated, origin))
+    route = read_named(stated, ROUTE_FILE, lambda file: read_route(file, stated, origin))
     of_flight: dict[str, Any] = {}
     if stated.interpolate is not None:
         step_s, method = float(stated.interpolate.step_s), stated.interpolate.method

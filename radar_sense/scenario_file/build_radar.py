@@ -156,7 +156,7 @@ def _curve(
     stated: sections.DataFile, kind: str, columns: Mapping[str, Column]
 ) -> tuple[FloatArray, FloatArray]:
     """Return the angles and values of a file."""
-    return read_named(stated, lambda path: read_curve(path, kind, columns, stated.sha256))
+    return read_named(stated, kind, lambda file: read_curve(file, columns))
 
 
 def _band(stated: sections.Radar, rcs: Mapping[str, RCS]) -> str:

@@ -12,7 +12,8 @@ from radar_sense import covariance
 from radar_sense.limits import DEG
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.place import Place
-from radar_sense.scenario_file.text_file import DigestError, FileError
+from radar_sense.scenario_file.table_file import open_data
+from radar_sense.scenario_file.text_file import DigestError, FileError, TextFile
 from radar_sense.states import FloatArray
 
 C = TypeVar("C")
@@ -28,7 +29,8 @@ def on_earth(place: sections.Geodetic) -> tuple[float, float, float]:
 
 def read_named(
     stated: sections.DataFile | sections.Table | sections.Path,
-    read: Callable[[FilePath], tuple[C, str]],
+    kind: str,
+    read: Callable[[TextFile], C],
 ) -> C:
     """Return what the file that a section names holds, and let the section have its digest.
 
@@ -37,12 +39,15 @@ def read_named(
 
     Args:
         stated: The section.
-        read: Returns the content of a file and its SHA-256.
+        kind: What the file should be, for errors.
+        read: Returns the content of the open file.
     """
     place = stated.place
     path = FilePath(place.file).parent / stated.file
     try:
-        content, stated.sha256 = read(path)
+        with open_data(path, kind, stated.sha256) as file:
+            content = read(file)
+            stated.sha256 = file.sha256()
     except DigestError as error:
         raise place["sha256"].error(f"{error}") from error
     except FileError as error:

@@ -9,13 +9,13 @@ Each is CSV, as `table_file` reads it, with two columns and ascending angles:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
 from radar_sense.limits import DEG
 from radar_sense.model.antenna import AZIMUTH, ELEVATION, GAIN_DB
-from radar_sense.scenario_file.table_file import Column, open_table
+from radar_sense.scenario_file.table_file import Column, TableFile
+from radar_sense.scenario_file.text_file import TextFile
 from radar_sense.states import FloatArray
 
 #: Columns of the two files, the angle first, with the units of SI.
@@ -24,32 +24,27 @@ MASK_COLUMNS = {"azimuth_deg": Column(AZIMUTH, DEG), "elevation_deg": Column(ELE
 _TURN_DEG = 360.0
 
 
-def read_curve(
-    path: str | Path, kind: str, columns: Mapping[str, Column], sha256: str | None
-) -> tuple[tuple[FloatArray, FloatArray], str]:
-    """Return angles (n,) and values (n,) in SI or decibels, and the SHA-256 of the file.
+def read_curve(opened: TextFile, columns: Mapping[str, Column]) -> tuple[FloatArray, FloatArray]:
+    """Return angles (n,) and values (n,) of an open file, in SI or decibels.
 
-    The columns are `GAIN_COLUMNS` or `MASK_COLUMNS`. The other arguments and the errors are those
-    of `open_text`.
+    The columns are `GAIN_COLUMNS` or `MASK_COLUMNS`.
     """
-    with open_table(path, kind, sha256) as file:
-        file.require_known(columns, " and ".join(columns))
-        file.require([*columns], " and ".join(columns))
-        rows, lines = file.numbers(columns)
-        angle, value = (rows[:, file.names.index(name)] for name in columns)
-        name = next(iter(columns))
-        if len(rows) < 2:
-            raise file.error("needs two rows or more")
-        for row in np.flatnonzero(np.diff(angle) <= 0)[:1].tolist():
-            ends = f"{angle[row + 1]:g} after {angle[row]:g}"
-            raise file.error(f"{name} must ascend from row to row, got {ends}", int(lines[row + 1]))
-        turn = angle[-1] - angle[0]
-        if name == "azimuth_deg" and turn > _TURN_DEG:
-            raise file.error(f"{name} must be within one turn, got {turn:g} deg", int(lines[-1]))
-        if name == "azimuth_deg" and turn == _TURN_DEG and value[0] != value[-1]:
-            ends = f"got {value[0]:g} and {value[-1]:g} at {angle[0]:g} and {angle[-1]:g} deg"
-            raise file.error(
-                f"must be the same at both ends of a full turn, {ends}", int(lines[-1])
-            )
-        units = [column.unit for column in columns.values()]
-        return (angle * units[0], value * units[1]), file.sha256()
+    file = TableFile(opened)
+    file.require_known(columns, " and ".join(columns))
+    file.require([*columns], " and ".join(columns))
+    rows, lines = file.numbers(columns)
+    angle, value = (rows[:, file.names.index(name)] for name in columns)
+    name = next(iter(columns))
+    if len(rows) < 2:
+        raise file.error("needs two rows or more")
+    for row in np.flatnonzero(np.diff(angle) <= 0)[:1].tolist():
+        ends = f"{angle[row + 1]:g} after {angle[row]:g}"
+        raise file.error(f"{name} must ascend from row to row, got {ends}", int(lines[row + 1]))
+    turn = angle[-1] - angle[0]
+    if name == "azimuth_deg" and turn > _TURN_DEG:
+        raise file.error(f"{name} must be within one turn, got {turn:g} deg", int(lines[-1]))
+    if name == "azimuth_deg" and turn == _TURN_DEG and value[0] != value[-1]:
+        ends = f"got {value[0]:g} and {value[-1]:g} at {angle[0]:g} and {angle[-1]:g} deg"
+        raise file.error(f"must be the same at both ends of a full turn, {ends}", int(lines[-1]))
+    units = [column.unit for column in columns.values()]
+    return angle * units[0], value * units[1]

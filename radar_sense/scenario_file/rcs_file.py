@@ -30,7 +30,8 @@ from radar_sense.model.rcs_table import (
     gap,
     out_of_order,
 )
-from radar_sense.scenario_file.table_file import Column, open_table
+from radar_sense.scenario_file.table_file import Column, TableFile, open_data
+from radar_sense.scenario_file.text_file import TextFile
 from radar_sense.states import FloatArray
 
 COLUMNS = {
@@ -63,33 +64,28 @@ def load_rcs_table(
     Raises:
         InputError: If the file cannot be read or anything in the file is not allowed.
     """
-    table, _ = read_rcs_table(path, mirror, envelope, None)
-    return table
+    with open_data(path, "an RCS table") as file:
+        return read_rcs_table(file, mirror, envelope)
 
 
-def read_rcs_table(
-    path: str | Path, mirror: bool, envelope: float | None, sha256: str | None
-) -> tuple[TableRCS, str]:
-    """Return the table in a file as `load_rcs_table` does, and the SHA-256 of the file.
-
-    None allows a file of any digest.
-    """
-    with open_table(path, "an RCS table", sha256) as file:
-        file.require_known(COLUMNS, ", ".join(COLUMNS))
-        file.require(["azimuth_deg"], "azimuth_deg, and one of rcs_m2 and rcs_dbsm")
-        if ("rcs_m2" in file.names) == ("rcs_dbsm" in file.names):
-            raise file.error("needs one of the columns rcs_m2 and rcs_dbsm, and not both")
-        rows, lines = file.numbers(COLUMNS)
-        columns = dict(zip(file.names, rows.T.copy(), strict=True))
-        try:
-            azimuth, elevation, row = _nodes(columns, mirror)
-        except _RowError as error:
-            wrong, message = error.args
-            raise file.error(message, int(lines[wrong])) from None
-        dbsm = columns.get("rcs_dbsm")
-        rcs = columns["rcs_m2"] if dbsm is None else 10.0 ** (dbsm / 10.0)
-        std = columns["std_db"][row] if "std_db" in columns else None
-        return TableRCS(azimuth, rcs[row], elevation, envelope, std), file.sha256()
+def read_rcs_table(opened: TextFile, mirror: bool, envelope: float | None) -> TableRCS:
+    """Return the table in an open file, as `load_rcs_table` does."""
+    file = TableFile(opened)
+    file.require_known(COLUMNS, ", ".join(COLUMNS))
+    file.require(["azimuth_deg"], "azimuth_deg, and one of rcs_m2 and rcs_dbsm")
+    if ("rcs_m2" in file.names) == ("rcs_dbsm" in file.names):
+        raise file.error("needs one of the columns rcs_m2 and rcs_dbsm, and not both")
+    rows, lines = file.numbers(COLUMNS)
+    columns = dict(zip(file.names, rows.T.copy(), strict=True))
+    try:
+        azimuth, elevation, row = _nodes(columns, mirror)
+    except _RowError as error:
+        wrong, message = error.args
+        raise file.error(message, int(lines[wrong])) from None
+    dbsm = columns.get("rcs_dbsm")
+    rcs = columns["rcs_m2"] if dbsm is None else 10.0 ** (dbsm / 10.0)
+    std = columns["std_db"][row] if "std_db" in columns else None
+    return TableRCS(azimuth, rcs[row], elevation, envelope, std)
 
 
 def _nodes(

@@ -44,10 +44,13 @@ from radar_sense.model.track import (
 )
 from radar_sense.model.trajectory import MIN_STEP, Route
 from radar_sense.scenario_file import sections
-from radar_sense.scenario_file.table_file import Column, TableFile, open_table
+from radar_sense.scenario_file.table_file import Column, TableFile, open_data
+from radar_sense.scenario_file.text_file import TextFile
 from radar_sense.scenario_file.track_file import Track, read_gpx, read_state_vectors
 from radar_sense.states import AIRCRAFT, POSITION, FloatArray, slices
 
+#: What the file should be, for errors.
+ROUTE_FILE = "a route file"
 _NED = AIRCRAFT[POSITION]
 #: Columns of a position on the earth.
 GEODETIC = ("latitude_deg", "longitude_deg", "altitude_m")
@@ -153,18 +156,18 @@ def load_route(
         raise InputError(
             f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
         )
-    route, _ = read_route(path, stated, origin)
-    return route
+    with open_data(path, ROUTE_FILE) as file:
+        return read_route(file, stated, origin)
 
 
 def read_route(
-    path: str | Path, stated: sections.Path, origin: tuple[float, float, float] | None
-) -> tuple[Route, str]:
-    """Return the route in a file as a section states it, and the SHA-256 of the file.
+    file: TextFile, stated: sections.Path, origin: tuple[float, float, float] | None
+) -> Route:
+    """Return the route in an open file as a section states it.
 
     The origin, of `load_route`, is checked by the caller.
     """
-    track, digest = _read(path, stated)
+    track = _read(file, stated)
     if track.altitudes:
         if origin is None:
             raise track.error(
@@ -190,8 +193,8 @@ def read_route(
         track.place[:, 2] += 1e3 * stated.down_km
     if track.attitude is None and len(track.place) < 2:
         raise InputError(
-            f"{path}: has {len(track.place)} row; attitude from the track needs 2 or more, or the "
-            f"columns {', '.join(ATTITUDE_COLUMNS)}"
+            f"{file.source}: has {len(track.place)} row; attitude from the track needs 2 or more, "
+            f"or the columns {', '.join(ATTITUDE_COLUMNS)}"
         )
     time = _times(track, stated.speed_m_s, stated.max_gap_s)
     place, attitude = track.place, track.attitude
@@ -204,23 +207,22 @@ def read_route(
     aircraft, covariance = np.hstack([position, attitude]), track.covariance
     if origin is not None and covariance is not None:
         covariance = covariance_in_frame(covariance, time, aircraft, origin, source=track.source)
-    return Route(time, aircraft, covariance, track.attitude is not None, origin), digest
+    return Route(time, aircraft, covariance, track.attitude is not None, origin)
 
 
-def _read(path: str | Path, stated: sections.Path) -> tuple[Track, str]:
-    """Return the contents of a file, and its SHA-256."""
-    if str(path).lower().endswith(".gpx"):
-        track, digest = read_gpx(path, stated.sha256)
+def _read(file: TextFile, stated: sections.Path) -> Track:
+    """Return the contents of a file."""
+    if file.source.lower().endswith(".gpx"):
+        track = read_gpx(file)
     else:
-        with open_table(path, "a route file", stated.sha256) as file:
-            if "icao24" in file.names:
-                pressure = stated.altitude_above == "pressure"
-                track = read_state_vectors(file, pressure=pressure, icao24=stated.icao24)
-                return track, file.sha256()
-            track, digest = _table(file), file.sha256()
+        table = TableFile(file)
+        if "icao24" in table.names:
+            pressure = stated.altitude_above == "pressure"
+            return read_state_vectors(table, pressure=pressure, icao24=stated.icao24)
+        track = _table(table)
     if stated.icao24 is not None:
-        raise InputError(f"{path}: icao24 is for files of ADS-B state vectors only")
-    return track, digest
+        raise InputError(f"{file.source}: icao24 is for files of ADS-B state vectors only")
+    return track
 
 
 def _table(file: TableFile) -> Track:

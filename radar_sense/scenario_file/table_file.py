@@ -15,7 +15,7 @@ import math
 import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -40,11 +40,11 @@ class Column:
     unit: float = 1.0
 
 
-@contextmanager
-def open_table(path: str | Path, kind: str, sha256: str | None = None) -> Iterator[TableFile]:
-    """Open a CSV file, with the arguments and errors of `open_text`."""
-    with open_text(path, kind, MAX_BYTES, sha256) as file:
-        yield TableFile(file)
+def open_data(
+    path: str | Path, kind: str, sha256: str | None = None
+) -> AbstractContextManager[TextFile]:
+    """Open a file of data, with the arguments and errors of `open_text`."""
+    return open_text(path, kind, MAX_BYTES, sha256)
 
 
 class TableFile:
@@ -54,11 +54,10 @@ class TableFile:
         source: Name of the file in errors.
         line: Line of the names of the columns.
         names: Names of the columns; none in an empty file.
-        sha256: Reads to the end of the file, and returns its SHA-256.
     """
 
     def __init__(self, file: TextFile) -> None:
-        self._file, self.source, self.sha256 = file, file.source, file.sha256
+        self._file, self.source = file, file.source
         texts = self._texts()
         lines = enumerate(texts, start=1)
         self.line, head = next((pair for pair in lines if pair[1].strip(',"; ')), (1, ""))

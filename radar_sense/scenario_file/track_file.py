@@ -14,7 +14,6 @@ import re
 from array import array
 from dataclasses import dataclass, field
 from datetime import datetime
-from pathlib import Path
 from typing import Any, NoReturn
 from xml.parsers import expat
 
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from radar_sense.errors import InputError, describe
 from radar_sense.limits import DEG, Limit
 from radar_sense.scenario_file.table_file import MAX_ROWS, TableFile
-from radar_sense.scenario_file.text_file import MAX_LETTERS, FileError, number, open_text
+from radar_sense.scenario_file.text_file import MAX_LETTERS, FileError, TextFile, number
 from radar_sense.states import FloatArray
 
 #: A million points of 250 bytes.
@@ -83,29 +82,28 @@ class Track:
         return InputError(f"{self.source}:{line}: {message}")
 
 
-def read_gpx(path: str | Path, sha256: str | None = None) -> tuple[Track, str]:
-    """Return the contents of a GPX file, and its SHA-256; for errors see `open_text`."""
-    with open_text(path, "a GPX file", _GPX_BYTES, sha256) as file:
-        reader = _GpxReader(file.source)
-        while data := file.read(_PIECE):
-            reader.feed(data)
-        points = reader.close()
-        rows = np.frombuffer(points.numbers).reshape(-1, 5)
-        lines, time = rows[:, 0].astype(np.int64), rows[:, 4]
-        if not len(rows):
-            raise InputError(f"{path}: has no points")
-        without = np.isnan(time)
-        if without.any() and not without.all():
-            line = lines[np.argmax(without)]
-            raise InputError(f"{path}:{line}: has no time, but other points have one")
-        return Track(
-            file.source,
-            int(lines[0]),
-            lines,
-            rows[:, 1:4] * _UNITS,
-            ("sea", "ellipsoid"),
-            None if without.all() else time - time[0],
-        ), file.sha256()
+def read_gpx(file: TextFile) -> Track:
+    """Return the contents of an open GPX file."""
+    file.most_bytes, reader = _GPX_BYTES, _GpxReader(file.source)
+    while data := file.read(_PIECE):
+        reader.feed(data)
+    points = reader.close()
+    rows = np.frombuffer(points.numbers).reshape(-1, 5)
+    lines, time = rows[:, 0].astype(np.int64), rows[:, 4]
+    if not len(rows):
+        raise InputError(f"{file.source}: has no points")
+    without = np.isnan(time)
+    if without.any() and not without.all():
+        line = lines[np.argmax(without)]
+        raise InputError(f"{file.source}:{line}: has no time, but other points have one")
+    return Track(
+        file.source,
+        int(lines[0]),
+        lines,
+        rows[:, 1:4] * _UNITS,
+        ("sea", "ellipsoid"),
+        None if without.all() else time - time[0],
+    )
 
 
 @dataclass

@@ -259,7 +259,7 @@ def test_the_memory_of_a_file_that_is_no_track_is_bounded(tmp_path):
         path.write_text(GPX.format("a", text))
         tracemalloc.start()
         with pytest.raises(InputError, match="must have one track or one route"):
-            track_file.read_gpx(path)
+            load_route(path)
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         assert peak < 2**21
