@@ -26,6 +26,7 @@ from radar_sense.command import (
     SEED_OF_DRAWS,
     WORKER_THREADS,
     Command,
+    Result,
     command,
 )
 from radar_sense.errors import InputError
@@ -39,63 +40,24 @@ POSES, POSES_BY_RADARS = 31, 250
 BEARINGS_DEG = 5.0
 
 
-@dataclass(frozen=True, eq=False)
-class Report:
-    """The report of a scenario.
+@dataclass(eq=False, repr=False)
+class Report(Result):
+    """The report of a scenario: a result without table and figure of its own, and one file.
 
     Attributes:
-        scenario: The scenario, with the level, the method, the seed and the radar of the report.
         sections: The questions, with their answers.
     """
 
-    scenario: Scenario
-    sections: tuple[Section, ...]
-
-    @property
-    def stem(self) -> str:
-        """Name of the file, without folder and ending."""
-        return f"{self.scenario.name}_report"
-
-    @property
-    def passed(self) -> bool:
-        """Whether the threshold test holds, if there is one."""
-        return all(section.result.passed for section in self.sections if section.result)
-
-    @property
-    def report(self) -> tuple[str, ...]:
-        """The beginning of each answer, for the terminal."""
-        return tuple(f"{section.key}: {section.answer}" for section in self.sections)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The warnings of all answers, each once."""
-        return tuple(warning for section in self.sections for warning in section.warnings)
+    sections: tuple[Section, ...] = ()
 
     def html(self, command: Sequence[str] = ()) -> str:
-        """Return the page.
-
-        Args:
-            command: The command line, for the record.
-
-        Raises:
-            FigureError: If a figure cannot be drawn.
-        """
+        """Return the page with the command line, or raise FigureError."""
         return page(self.scenario, self.sections, command)
 
-    def save(self, folder: str | Path = ".", *, command: Sequence[str] = ()) -> list[Path]:
-        """Write the page.
-
-        Args:
-            folder: Folder of the file; made if missing.
-            command: The command line, for the record.
-
-        Returns:
-            The file.
-
-        Raises:
-            FigureError: If a figure cannot be drawn. No file is written then.
-            OSError: If the file cannot be written.
-        """
+    def save(  # type: ignore[override]  # one file has no formats
+        self, folder: str | Path = ".", *, command: Sequence[str] = ()
+    ) -> list[Path]:
+        """Write the page, and return the file; the errors are those of `Result.save`."""
         content = self.html(command).encode()
         return files.write(Path(folder), {f"{self.stem}.html": content})
 
@@ -175,7 +137,15 @@ def report(
         else:
             new = tuple(warning for warning in result.warnings if warning not in seen)
             sections.append(Section(asks.name, question, tuple(result.report), new, result))
-    return Report(scenario, tuple(sections))
+    results = [section.result for section in sections if section.result]
+    return Report(
+        scenario,
+        scenario.method,
+        report=[f"{section.key}: {section.answer}" for section in sections],
+        warnings=[text for section in sections[1:] for text in section.warnings],
+        passed=all(result.passed for result in results),
+        sections=tuple(sections),
+    )
 
 
 def compared_poses(scenario: Scenario) -> NDArray[np.intp]:
