@@ -23,6 +23,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure as Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
 from matplotlib.ticker import MaxNLocator as MaxNLocator
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
@@ -638,30 +639,36 @@ def draw_legend(figure: Figure, *panels: Axes, title: str = "") -> None:
     )
 
 
+def note(
+    axes: Axes, text: str, place: tuple[float, float], right: float, up: float, **style: Any
+) -> Annotation:
+    """Write small letters beside a point, at a distance in points to the right and up."""
+    return axes.annotate(
+        text,
+        place,
+        xytext=(points(right), points(up)),
+        textcoords="offset points",
+        fontsize=points(6.5),
+        **{
+            "ha": "left" if right > 0 else "right" if right < 0 else "center",
+            "va": "bottom" if up > 0 else "top" if up < 0 else "center",
+            **style,
+        },
+    )
+
+
 def label_points(axes: Axes, places: FloatArray, names: Sequence[str]) -> None:
     """Write names beside points (n, 2) of a panel with a layout.
 
     A name is to the right of the point, or on the side with the least overlap of axes and names.
     """
     taken: list[Bbox] = []
-    gap = points(4.5)
-    sides = [("left", "center", gap, 0.0), ("right", "center", -gap, 0.0)]
-    sides += [("center", "bottom", 0.0, gap), ("center", "top", 0.0, -gap)]
-    for name, place in zip(names, places, strict=True):
+    rim = withStroke(linewidth=points(1.6), foreground="black")
+    for name, (x, y) in zip(names, places, strict=True):
         options = []
-        for ha, va, right, up in sides:
-            text = axes.annotate(
-                name,
-                (place[0], place[1]),
-                xytext=(right, up),
-                textcoords="offset points",
-                ha=ha,
-                va=va,
-                fontsize=points(6.5),
-                color="white",
-                path_effects=[withStroke(linewidth=points(1.6), foreground="black")],
-                clip_on=True,
-            )
+        for right, up in ((4.5, 0.0), (-4.5, 0.0), (0.0, 4.5), (0.0, -4.5)):
+            style = {"color": "white", "path_effects": [rim], "clip_on": True}
+            text = note(axes, name, (x, y), right, up, **style)
             box = text.get_window_extent()
             outside = box.width * box.height - _common(box, axes.bbox)
             options.append((outside + sum(_common(box, other) for other in taken), text, box))

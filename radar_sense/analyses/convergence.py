@@ -160,13 +160,5 @@ def _slope(axes: Axes, runs: FloatArray, start: float, power: float, name: str) 
     guide = start * (runs / runs[0]) ** power
     axes.plot(runs, guide, color="0.55", lw=plotting.points(0.7))
     middle, above = len(runs) // 2, power > -1
-    axes.annotate(
-        name,
-        (runs[middle], guide[middle]),
-        xytext=(0, plotting.points(3) if above else -plotting.points(3)),
-        textcoords="offset points",
-        ha="left" if above else "right",
-        va="bottom" if above else "top",
-        fontsize=plotting.points(6.5),
-        color="0.35",
-    )
+    up, side = (3.0, "left") if above else (-3.0, "right")
+    plotting.note(axes, name, (runs[middle], guide[middle]), 0.0, up, ha=side, color="0.35")

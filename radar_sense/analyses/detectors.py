@@ -214,16 +214,8 @@ def _draw_slopes(axes: Axes, table: Table, p_fa: float) -> None:
         at_half = np.interp(half[n], snr_db, slopes[n])
         side = 1 if half[n] < 15.0 else -1  # where the label has room
         axes.plot(half[n], at_half, "o", color=style[0], markersize=plotting.points(4))
-        axes.annotate(
-            f"{n} pulse{'s' if n > 1 else ''}: {at_half:.3f}",
-            (half[n], at_half),
-            xytext=(plotting.points(9) * side, 0),
-            textcoords="offset points",
-            ha="left" if side > 0 else "right",
-            va="center",
-            fontsize=plotting.points(6.5),
-            color=style[0],
-        )
+        text = f"{n} pulse{'s' if n > 1 else ''}: {at_half:.3f}"
+        plotting.note(axes, text, (half[n], at_half), 9.0 * side, 0.0, color=style[0])
         if n > 1:
             # One pulse, with the gain of integration added to the signal-to-noise ratio.
             gained, thin = snr_db - half[1] + half[n], plotting.points(0.7)

@@ -313,9 +313,7 @@ def _draw(
         line = np.add(needed, margin) if name == "margin" else end + around
         axes.plot(line, [row, row], color="black", lw=plotting.points(0.8))
         beside = float(np.nanmax([0.0, start, *line])), row
-        shift, size = (plotting.points(3), 0.0), plotting.points(6.5)
-        text = f"{end - start:.1f}"
-        axes.annotate(text, beside, shift, textcoords="offset points", va="center", fontsize=size)
+        plotting.note(axes, f"{end - start:.1f}", beside, 3.0, 0.0)
     names = [name.removesuffix("_db").replace("_", " ") for name, *_ in bars]
     axes.set_yticks(range(len(bars)), names)
     axes.tick_params(axis="y", which="both", length=0)
