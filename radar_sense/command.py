@@ -364,10 +364,7 @@ class Command:
     def __call__(self, scenario: Scenario, **options: Any) -> Any:
         """Return the result of the command.
 
-        Args:
-            scenario: The scenario.
-            options: Options of the command. `level`, `radar`, `method`, `runs` and `seed` are
-                always allowed.
+        The options `level`, `radar`, `method`, `runs` and `seed` are always allowed.
 
         Raises:
             InputError: If the scenario is no `Scenario`, or an option is not allowed.

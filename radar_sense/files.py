@@ -106,14 +106,9 @@ def yaml_text(document: Mapping[str, Any]) -> str:
 
 
 def require_writable(paths: Sequence[Path], inputs: Iterable[Path] = ()) -> None:
-    """Check that files can be written. `write` makes a missing folder.
+    """Raise OSError unless files of one folder can be written without overwriting an input.
 
-    Args:
-        paths: The files, all in one folder.
-        inputs: Files that must not be overwritten.
-
-    Raises:
-        OSError: If a file cannot be written, or is an input.
+    `write` makes a missing folder.
     """
     read = {path.resolve() for path in inputs}
     for path in paths:
@@ -131,11 +126,9 @@ def require_writable(paths: Sequence[Path], inputs: Iterable[Path] = ()) -> None
 
 
 def write(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
-    """Write files into a folder, which is made if missing; return their paths.
+    """Write files by name into a folder, which is made if missing; return their paths.
 
-    Args:
-        folder: The folder.
-        contents: Content of each file by its name. The files are renamed in this order.
+    The files are renamed in the order given.
 
     Raises:
         OSError: If a file cannot be written, with its name. No file is incomplete then.

@@ -152,16 +152,7 @@ def source_styles(sources: Sequence[str], radars: Sequence[str]) -> dict[str, tu
 
 
 def draw(plot: Callable[[Figure], object], footer: str, style: str = DEFAULT_STYLE) -> Figure:
-    """Return a new figure.
-
-    Args:
-        plot: Draws into an empty figure.
-        footer: The small print at the lower right.
-        style: Name of a size in `STYLES`.
-
-    Raises:
-        ValueError: If there is no such style.
-    """
+    """Return a new figure, with a footer of small print, or raise ValueError for no such style."""
     check_choice("style", style, STYLES)
     page = STYLES[style]
     with apply_style(page):
@@ -308,13 +299,9 @@ def apply_style(style: Style) -> Iterator[None]:
 def contour_lines(
     x: FloatArray, y: FloatArray, values: NDArray[np.floating[Any]], level: float
 ) -> list[FloatArray]:
-    """Return the contour lines of a level, each as x and y (n, 2).
+    """Return the lines, each x and y (k, 2), where values (n, m) at x (m,) and y (n,) have a level.
 
-    Args:
-        x: Places of the columns (m,).
-        y: Places of the rows (n,).
-        values: Values (n, m); NaN where there is none.
-        level: Value on the lines.
+    Values are NaN where there is none.
     """
     from contourpy import contour_generator  # Matplotlib's own generator
 
@@ -336,13 +323,8 @@ def panels(figure: Figure, count: int) -> list[Axes]:
 def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
     """Turn polar axes with lines to 0 at the top and clockwise angles.
 
-    The numbers of the rings are where most of them are off the lines. A ring beside a line has no
-    number, if others have one.
-
-    Args:
-        axes: The polar axes.
-        names: Names of the angles 0, 45, ... 315 deg.
-        label: Label of the radius; "" for none.
+    The angles 0, 45, ... 315 deg have names, and the radius a label. The numbers of the rings are
+    where most of them are off the lines. A ring beside a line has no number, if others have one.
     """
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
@@ -375,11 +357,7 @@ def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
 
 
 def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], FloatArray]:
-    """Add panels below each other that share the axis of the poses.
-
-    Returns:
-        The panels, and the coordinates of the poses (n,) in the unit of the figure.
-    """
+    """Add panels that share the axis of the poses, and return the places (n,) of the poses too."""
     axes = panels(figure, count)
     shown = display_unit(axis)
     coordinates = axis.values / shown.unit
@@ -555,15 +533,10 @@ def draw_band(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, l
 
 
 def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
-    """Draw runs as a picture: the more runs pass a pixel, the darker it is.
+    """Draw runs (runs, n) as a picture: the more of them pass a pixel, the darker it is.
 
     Hundreds of lines over each other would be one grey area, and take most of the time of a figure.
-
-    Args:
-        axes: The panel.
-        x: Coordinates of the poses (n,), rising or falling.
-        rows: Values of each run (runs, n).
-        label: Label in the legend.
+    The coordinates x (n,) of the poses rise or fall.
     """
     columns, height = _PICTURE
     order, low, high = np.argsort(x), rows.min(), rows.max()
@@ -602,13 +575,7 @@ def _widths(entries: Sequence[int], columns: int) -> list[int]:
 
 
 def draw_legend(figure: Figure, *panels: Axes, title: str = "") -> None:
-    """Put the legend above the axes, in the number of columns that the labels allow.
-
-    Args:
-        figure: The figure.
-        panels: Axes with the labels.
-        title: Line above the labels.
-    """
+    """Put the labels of panels above them, below a title, in as many columns as there is room."""
     handles, labels = [], []
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

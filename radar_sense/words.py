@@ -347,13 +347,7 @@ Spread = tuple[Scenario, FloatArray, FloatArray]
 
 
 def add_radars_alone(result: Result, at_level: Mapping[str, Scenario], how: str = "") -> None:
-    """Add the largest 3 sigma of each radar of a network alone, and where draws say it is off.
-
-    Args:
-        result: The result.
-        at_level: The scenario by level.
-        how: As in `add_radars`.
-    """
+    """Add the largest 3 sigma of each radar of a network alone, and where draws say it is off."""
     method = result.method
     alone = {
         level: {
@@ -377,10 +371,7 @@ def add_radars_alone(result: Result, at_level: Mapping[str, Scenario], how: str 
 def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Spread]], how: str = "") -> None:
     """Add the largest 3 sigma of each radar of a network alone, at one level or at several.
 
-    Args:
-        result: The result.
-        at_level: The radars alone, by level.
-        how: Method, where it stands nowhere else; "" for none.
+    `how` is the method, where it stands nowhere else.
     """
     axis = result.scenario.axis
     found = {
@@ -430,12 +421,7 @@ def validity_warnings(
 ) -> Iterator[str]:
     """Yield where the band of a method is off, or not precise, and what to use there.
 
-    Args:
-        scenario: The scenario, at its level.
-        moments: Moments by the method.
-        method: The method.
-        remedy: What to use instead; "" names another method.
-        k: Number of σ of the bounds.
+    Without a remedy this is another method.
     """
     off = unreliable_in_scenario(scenario, moments, method=method, beta=k)
     remedy = remedy or REMEDY
@@ -542,11 +528,8 @@ def clipping_warnings(count: int) -> Iterator[str]:
 def table_warnings(scenario: Scenario, runs: int | None = None) -> Iterator[str]:
     """Yield a warning where states within 3σ are beyond the elevations of an RCS table.
 
-    The standard deviation of the elevation is computed to first order.
-
-    Args:
-        scenario: The scenario, at its level.
-        runs: Runs of Monte Carlo, for the expected number of draws beyond; None for no draws.
+    The standard deviation of the elevation is computed to first order. Of Monte Carlo runs the
+    warning has the number of draws that is expected to be beyond.
     """
     aircraft, outside, share = scenario.aircraft, np.zeros(len(scenario.aircraft), dtype=bool), 0.0
     covered = []

@@ -29,11 +29,7 @@ Feature = dict[str, Any]
 
 
 def geojson(result: Result, route: FloatArray) -> bytes:
-    """Return a map as GeoJSON.
-
-    Args:
-        result: The map.
-        route: P_D (n,) at the poses, or its bound; NaN where there is none.
+    """Return a map as GeoJSON, with P_D or its bound (n,) at the poses; NaN where there is none.
 
     Raises:
         InputError: If the scenario has no origin in latitude and longitude.
@@ -119,11 +115,7 @@ def _feature(
 
 
 def _cut(line: FloatArray) -> list[list[Position]]:
-    """Return a line cut where it crosses the antimeridian.
-
-    Args:
-        line: Latitude, longitude [rad] and height [m] of its points (n, 3).
-    """
+    """Return a line of places (n, 3), latitude, longitude [rad] and height [m], cut at ±180 deg."""
     ecef = geodesy.ecef_from_geodetic(line)
     parts, rest = [], line
     # From the last crossing on, so that the numbers of the points before stay.

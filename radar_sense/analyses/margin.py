@@ -86,12 +86,8 @@ def margin(
 ) -> Result:
     """Return the SNR that a P_D needs, the margin left at the poses, and the terms of the SNR.
 
-    Args:
-        scenario: The scenario, of one radar.
-        p_d: P_D.
-        pulses: Pulses that are integrated; None for those of the radar's detector.
-        compared: Detectors whose SNR is shown, too.
-        k: Number of σ of the band.
+    The SNR that other detectors need is shown, too. Without a number of pulses, those of the
+    radar's detector are integrated.
 
     Raises:
         InputError: If there are several radars, if P_D needs no signal, or if the detector of the

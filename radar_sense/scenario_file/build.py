@@ -28,11 +28,7 @@ from radar_sense.states import FloatArray
 
 
 def build(file: sections.File, again: Callable[[Mapping[str, Any]], Scenario]) -> Scenario:
-    """Return the scenario of a file.
-
-    Args:
-        file: The file.
-        again: Reads the file again with other values of some keys.
+    """Return the scenario of a file, which `again` reads with other values of some keys.
 
     Raises:
         InputError: If sections contradict each other, or a file that is named is not allowed.

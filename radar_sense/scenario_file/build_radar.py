@@ -97,15 +97,7 @@ def _radar(
     rcs: Mapping[str, RCS],
     geometry: Geometry,
 ) -> Radar:
-    """Return a radar.
-
-    Args:
-        stated: Its section.
-        levels: Its levels of uncertainty.
-        file: The file, which has what the radars of a type share.
-        rcs: RCS of the aircraft by band.
-        geometry: The poses, which have the frame.
-    """
+    """Return a radar. The file has what radars of a type share, and the poses have the frame."""
     sheet = _data_sheet(stated)
     _refuse_detector(stated)
     attenuation = stated.attenuation_db_per_km * PER_KM
@@ -237,14 +229,8 @@ def _level(
 ) -> Level:
     """Return the uncertainty of a radar at one level, in the frame of the poses.
 
-    Args:
-        stated: The section.
-        sheet: Data sheet of the radar, or None.
-        model: Detection model of the radar.
-        turn: Turn (3, 3) to the frame from north, east and down at a radar in latitude and
-            longitude, where the file has the covariance; None if they are the same.
-        type_name: Type of the radar.
-        shared: The `Tolerances` that the radars of its type share; None without a type.
+    The turn (3, 3) is to this frame from the one in which the file has the covariance, as returned
+    by `_position`. `shared` are the `Tolerances` that the radars of the type share.
     """
     place, tolerances = stated.place, tuple[Tolerance, ...]()
     if isinstance(stated.constant, sections.Tolerances):

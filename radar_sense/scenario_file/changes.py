@@ -24,10 +24,7 @@ def changed(root: yaml.Node, path: str, value: str) -> yaml.Node:
     The document itself stays as it is: an anchor of the file and its aliases are one node, of which
     only one place is to change.
 
-    Args:
-        root: The document.
-        path: Path of keys.
-        value: The value as YAML; "" takes the key away.
+    The value is YAML, and "" takes the key away.
 
     Raises:
         InputError: If the path is none or leads nowhere, or the value is not valid YAML.

@@ -34,13 +34,8 @@ def read_named(
 ) -> C:
     """Return what the file that a section names holds, and let the section have its digest.
 
-    Errors about the file as a whole get the place of the key that names it. Errors with a line of
-    the file stay as they are.
-
-    Args:
-        stated: The section.
-        kind: What the file should be, for errors.
-        read: Returns the content of the open file.
+    Errors about the file as a whole get the place of the key that names it, and say what kind of
+    file it should be. Errors with a line of the file stay as they are.
     """
     place = stated.place
     path = FilePath(place.file).parent / stated.file
@@ -72,10 +67,7 @@ def covariance_of(
 ) -> FloatArray:
     """Return a covariance in SI from its parts, or from the whole.
 
-    Args:
-        stated: The section.
-        parts: Size of each part, and SI value of 1 in the unit of the part.
-        values: Values of parts in place of those of the section.
+    A part has a size, and the SI value of its unit. `values` stand in place of the section's.
     """
     place = stated.place
     if stated.covariance is not None:

@@ -205,11 +205,8 @@ def sections(cls: type, title: str = "") -> Iterator[tuple[str, type]]:
 def read(place: Place, cls: type[S], word: str = "", others: Mapping[str, type] | None = None) -> S:
     """Read a mapping into a section.
 
-    Args:
-        place: The mapping.
-        cls: The dataclass.
-        word: A further key, which the caller has read.
-        others: Sections that the mapping could be of too, by name, for errors.
+    The word is a further key, which the caller has read. An error says which of other sections, by
+    name, has an unknown key.
 
     Raises:
         InputError: If anything in the mapping is not allowed.
@@ -237,14 +234,7 @@ def _made(cls: type[S], values: Mapping[str, Any], place: Place) -> S:
 def _unknown(
     place: Place, name: str, allowed: Collection[str], owners: Collection[str] = ()
 ) -> InputError:
-    """Return the error for an unknown key of a mapping.
-
-    Args:
-        place: The mapping.
-        name: The key.
-        allowed: Keys of the section.
-        owners: Names of other sections that have the key.
-    """
+    """Return the error for an unknown key of a mapping, which other sections may have."""
     at = place.of_key(name)
     hint = f"; it is a key of {', '.join(owners)}" if owners else ""
     meant = allowed if at.is_set else [other for other in allowed if other not in place.items()]
@@ -328,11 +318,8 @@ def schema(cls: type, word: str = "") -> Schema:
     """Return the JSON Schema of a section, of draft-07, which language servers support best.
 
     A schema cannot express all checks of the reader, such as a covariance that is not positive
-    semidefinite. It refuses nothing that the reader accepts.
-
-    Args:
-        cls: The dataclass.
-        word: A further key, which says that a mapping is of this section.
+    semidefinite. It refuses nothing that the reader accepts. The word is a further key, which says
+    that a mapping is of this section.
     """
     keys = keys_of(cls)
     kind = {"description": "The kind of section.", "type": "string"}
@@ -581,10 +568,7 @@ def by_word(
 def named(name: Text, kind: Kind, what: str) -> Kind:
     """Return the kind of a mapping of values by names that the user chooses, at least one.
 
-    Args:
-        name: The names allowed.
-        kind: What each value is.
-        what: What has the names, in words.
+    An error says what has the names.
     """
 
     def read(place: Place) -> dict[str, Any]:
@@ -612,13 +596,7 @@ def named(name: Text, kind: Kind, what: str) -> Kind:
 
 
 def list_of(cls: type, most: int, what: str) -> Kind:
-    """Return the kind of a list of one section or more.
-
-    Args:
-        cls: The dataclass.
-        most: Most sections.
-        what: What they are, in words.
-    """
+    """Return the kind of a list of one section or more; an error says what they are."""
 
     def read_list(place: Place) -> tuple[Any, ...]:
         entries = place.entries() if place.is_list else []
@@ -640,10 +618,7 @@ def list_of(cls: type, most: int, what: str) -> Kind:
 def or_section(kind: Kind | Limit | Text, cls: type, *, alone: str = "") -> Kind:
     """Return a kind, or a section in its place: a mapping, with a key of it if both are one.
 
-    Args:
-        kind: The kind.
-        cls: The dataclass.
-        alone: Key of the section for which a value of the kind stands alone; "" for none.
+    `alone` is the key of the section for which a value of the kind stands alone.
     """
     first, instead, names = _kind(kind), section(cls), {k.name for k in keys_of(cls)}
     if alone:

@@ -123,11 +123,7 @@ def parse(text: str, file: str) -> Place:
 
 
 def compose(text: str, file: str) -> yaml.Node:
-    """Return the node of one YAML document.
-
-    Args:
-        text: The document.
-        file: Its name in errors.
+    """Return the node of one YAML document, with the name of its file in errors.
 
     Raises:
         InputError: If it is empty or not valid YAML.

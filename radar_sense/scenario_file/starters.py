@@ -42,9 +42,7 @@ def example(name: str) -> Path:
 def files(source: Path, file: Path) -> dict[str, str]:
     """Return the text of each file of a starter by name: the scenario, and the files it names.
 
-    Args:
-        source: A template or an example.
-        file: The scenario file to write, which gives the scenario its name.
+    The source is a template or an example. The file to write gives the scenario its name.
 
     Raises:
         InputError: If the scenario file has the name of a file that the scenario names.

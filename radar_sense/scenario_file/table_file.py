@@ -76,11 +76,7 @@ class TableFile:
         """Raise InputError unless the file has some of these columns, and no others.
 
         A file without any column of the format may be a confidential file. Its text is not
-        repeated.
-
-        Args:
-            columns: The columns by name.
-            allowed: The columns in words.
+        repeated. `allowed` has the columns in words.
         """
         if not self.names:
             raise InputError(
@@ -126,11 +122,7 @@ class TableFile:
             yield line, cells
 
     def number(self, cell: str, limit: Limit, name: str, line: int) -> float:
-        """Return the number in a cell of a column.
-
-        Raises:
-            InputError: If the cell is no number that the limit allows.
-        """
+        """Return the number in a cell of a column, or raise InputError."""
         return number(cell, limit, f"{self.source}:{line}: {name}")
 
     def require_room(self, count: int, line: int) -> None:
@@ -140,9 +132,6 @@ class TableFile:
 
     def numbers(self, columns: Mapping[str, Column]) -> tuple[FloatArray, NDArray[np.int64]]:
         """Return the numbers (rows, columns) in the units of the file, and their lines (rows,).
-
-        Args:
-            columns: The columns by name.
 
         Raises:
             InputError: As `rows`, or if there are no rows or too many, or if a cell is no number

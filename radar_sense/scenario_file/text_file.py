@@ -137,11 +137,7 @@ def read_text(path: str | Path, kind: str, most_bytes: int) -> str:
 
 
 def decoded(data: bytes, source: str, first_line: int = 1) -> str:
-    """Return UTF-8 text.
-
-    Raises:
-        InputError: If the data are something else, with the line.
-    """
+    """Return UTF-8 text, or raise InputError with the line that is something else."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -245,15 +245,10 @@ def _seconds(place: str, text: str) -> float:
 
 
 def read_state_vectors(file: TableFile, *, pressure: bool, icao24: str | None) -> Track:
-    """Read the positions of one aircraft from state vectors.
+    """Return the positions of one aircraft from state vectors.
 
-    Args:
-        file: The file.
-        pressure: Whether the altitude is the pressure altitude.
-        icao24: Address of the aircraft; None if the file has one aircraft.
-
-    Raises:
-        InputError: If anything in the file is not allowed.
+    The altitude is the pressure altitude if asked for. Without an address, icao24, the file must
+    have one aircraft only.
     """
     altitude = "baroaltitude" if pressure else "geoaltitude"
     for name in ("time", "icao24", "lat", "lon", altitude):
