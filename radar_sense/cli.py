@@ -571,7 +571,7 @@ def _computing(
 
             executor, threads = stack.enter_context(cluster(dask))
             yield {"executor": executor, "workers": workers or threads}
-        elif "workers" in analysis.keywords:
+        elif "workers" in analysis.defaults:
             yield {"workers": workers or min(os.cpu_count() or 1, MOST_THREADS)}
         else:
             yield {}

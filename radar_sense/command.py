@@ -335,6 +335,7 @@ class Command:
         name: Name of the command; of the function by default.
         endings: Endings of its files besides the figure; () if the command line writes none.
         formats: Formats of its figure, or of what else its result can be; () without a figure.
+        defaults: Defaults of the function by keyword.
     """
 
     run: Callable[..., Any]
@@ -348,18 +349,16 @@ class Command:
 
     def __post_init__(self) -> None:
         functools.update_wrapper(self, self.run)  # for `help` and `inspect.signature`
-        self.__doc__ = self._documented()
         self.__name__ = self.run.__name__
         self.name = self.name or self.__name__
         signature = inspect.signature(self.run)
+        scenario, *own = signature.parameters.values()
+        self.defaults: dict[str, Any] = {p.name: p.default for p in own}
         kind = inspect.Parameter.KEYWORD_ONLY
-        shared = [
-            inspect.Parameter(name, kind, default=None)
-            for name in _OF_SCENARIO
-            if name not in signature.parameters
-        ]
-        parameters = [*signature.parameters.values(), *shared]
-        self.__signature__ = signature.replace(parameters=parameters)
+        others = [name for name in _OF_SCENARIO if name not in self.defaults]
+        shared = [inspect.Parameter(name, kind, default=None) for name in others]
+        self.__signature__ = signature.replace(parameters=[scenario, *own, *shared])
+        self.__doc__ = self._documented()
 
     def __call__(self, scenario: Scenario, **options: Any) -> Any:
         """Return the result of the command.
@@ -384,18 +383,17 @@ class Command:
 
     def _own(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return the options of the function, checked. None is allowed where it is the default."""
-        parameters = inspect.signature(self.run).parameters
         declared = {option.name: option for option in self.options}
         if not isinstance(options.get("executor"), Executor | None):
             raise InputError(f"executor must be an Executor, got {describe(options['executor'])}")
         own = {}
         for name, value in options.items():
-            if name in self.keywords:
-                is_default = value is None and parameters[name].default is None
+            if name in self.defaults:
+                is_default = value is None and self.defaults[name] is None
                 unchecked = is_default or name not in declared
                 own[name] = value if unchecked else declared[name].checked(value)
             elif name not in _OF_SCENARIO:
-                allowed = sorted({*self.keywords, *_OF_SCENARIO})
+                allowed = sorted({*self.defaults, *_OF_SCENARIO})
                 raise TypeError(
                     f"{self.name}() has no option {name!r}, allowed: {', '.join(allowed)}"
                     + did_you_mean(name, allowed)
@@ -408,20 +406,10 @@ class Command:
         Raises:
             InputError: If there is no such level, method or radar, or a number is out of range.
         """
-        chosen = {n: options[n] for n in _OF_SCENARIO if n in options and n not in self.keywords}
+        chosen = {n: options[n] for n in _OF_SCENARIO if n in options and n not in self.defaults}
         radar = chosen.pop("radar", None)
         scenario = scenario.with_analysis(**chosen)
         return scenario if radar is None else for_radar(scenario, radar)
-
-    @property
-    def defaults(self) -> dict[str, Any]:
-        """Defaults of the function by keyword."""
-        return dict(self.run.__kwdefaults__ or {})
-
-    @property
-    def keywords(self) -> tuple[str, ...]:
-        """Keywords of the function."""
-        return tuple(inspect.signature(self.run).parameters)[1:]
 
     @property
     def help(self) -> str:
@@ -430,16 +418,15 @@ class Command:
 
     def _documented(self) -> str:
         """Return the docstring, with the options as arguments."""
-        own = [option for option in self.options if option.name in self.keywords]
+        own = [option for option in self.options if option.name in self.defaults]
         about, raises, errors = (inspect.getdoc(self.run) or "").partition("\nRaises:")
-        parameters = inspect.signature(self.run).parameters
         args = "    scenario: The scenario.\n"
         for option in own:
             # the signature shows a default that is not None
-            default = option.default_text if parameters[option.name].default is None else ""
+            default = option.default_text if self.defaults[option.name] is None else ""
             meaning = re.sub("--([a-z-]+)", lambda o: o[1].replace("-", "_"), option.help)
             args += f"    {option.name}: {meaning}{default and f' Default: {default}.'}\n"
-        if "executor" in parameters:
+        if "executor" in self.defaults:
             args += "    executor: Computes the blocks of runs in place of threads.\n"
         return f"{about.rstrip()}\n\nArgs:\n{args}{raises}{errors}"
 

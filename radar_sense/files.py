@@ -16,7 +16,7 @@ import platform
 import secrets
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,16 +93,11 @@ def yaml_text(document: Mapping[str, Any]) -> str:
     """Return a resolved scenario as the text of a scenario file, with printable letters only."""
     import yaml  # which most commands do not need
 
-    def dumped(*, unicode: bool) -> str:
-        # default_flow_style None writes lists of numbers on one line
-        text: str = yaml.safe_dump(
-            document, sort_keys=False, default_flow_style=None, allow_unicode=unicode
-        )
-        return text
-
-    text = dumped(unicode=True)
+    # default_flow_style None writes lists of numbers on one line
+    dumped: Any = partial(yaml.safe_dump, document, sort_keys=False, default_flow_style=None)
+    text = f"{dumped(allow_unicode=True)}"
     # YAML does not escape marks of direction, which would change what a terminal or a page shows.
-    return text if text.replace("\n", "").isprintable() else dumped(unicode=False)
+    return text if text.replace("\n", "").isprintable() else f"{dumped()}"
 
 
 def require_writable(paths: Sequence[Path], inputs: Iterable[Path] = ()) -> None:

@@ -37,7 +37,6 @@ from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.conversion import KM, PER_KM, covariance_of, on_earth, read_named
 from radar_sense.scenario_file.curve_file import GAIN_COLUMNS, MASK_COLUMNS, read_curve
 from radar_sense.scenario_file.declare import keys_of
-from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.table_file import Column
 from radar_sense.source_names import name_problem
 from radar_sense.states import POSITION, FloatArray
@@ -56,21 +55,13 @@ def radars_of(file: sections.File, rcs: Mapping[str, RCS], geometry: Geometry) -
         )
     stated = file.radars or ()
     for i, radar in enumerate(stated):
-        names = [r.name for r in stated[: i + 1]]
-        _refuse_name(names, [*rcs], [*(file.types or {})], radar.place["name"])
+        names, at = [r.name for r in stated[: i + 1]], radar.place["name"]
+        if radar.name in names[:-1]:
+            raise at.error(f"must be a name that no other radar has, got {radar.name!r}")
+        if problem := name_problem(names, [*rcs], [*(file.types or {})]):
+            raise at.error(problem)
         _refuse_other_levels(stated[0], radar)
     return tuple(_radar(radar, radar.uncertainty, file, rcs, geometry) for radar in stated)
-
-
-def _refuse_name(
-    names: Sequence[str], bands: Sequence[str], types: Sequence[str], place: Place
-) -> None:
-    """Raise InputError unless the last of some names of radars is unlike the others."""
-    if names[-1] in names[:-1]:
-        raise place.error(f"must be a name that no other radar has, got {names[-1]!r}")
-    problem = name_problem(names, bands, types)
-    if problem:
-        raise place.error(problem)
 
 
 def _refuse_other_levels(first: sections.NamedRadar, radar: sections.NamedRadar) -> None:

@@ -124,7 +124,7 @@ def test_each_command_has_examples_and_known_options():
         assert command.name == name
         assert command.examples
         assert all(example.startswith(f"radar-sense {name}") for example in command.examples)
-        known = {*command.keywords, "level", "radar", "runs", "seed", "method", "dask"}
+        known = {*command.defaults, "level", "radar", "runs", "seed", "method", "dask"}
         assert {option.name for option in command.options} <= known
 
 
