@@ -47,7 +47,10 @@ from radar_sense.scenario import Scenario, check_scenario, for_radar
 from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
-    from radar_sense.plotting import Axes, Figure
+    from radar_sense.plotting import Axes as Axes
+    from radar_sense.plotting import Figure as Figure
+else:  # Matplotlib is imported where a figure is drawn
+    Axes = Figure = Any
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from radar_sense.command import (
     NUMBER_OF_RUNS,
     ONE_RADAR,
     SEED_OF_DRAWS,
+    Figure,
     Result,
     command,
 )
@@ -25,9 +25,6 @@ from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
 from radar_sense.sources import Budget, Contribution, error_budget, value_function
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
 
 #: Half the deviation of a part must reduce the total by this part, to be worth a measurement.
 LEAST_GAIN = 0.01

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from radar_sense import words
 from radar_sense.analyses.verdict import K
+from radar_sense.axis import Axis
 from radar_sense.command import (
     DASK,
     LEVEL,
@@ -20,6 +21,7 @@ from radar_sense.command import (
     SAMPLER,
     SEED_OF_DRAWS,
     WORKER_THREADS,
+    Figure,
     Result,
     command,
 )
@@ -30,10 +32,6 @@ from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import METHODS, MONTE_CARLO, Moments, propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
-
-if TYPE_CHECKING:
-    from radar_sense.axis import Axis
-    from radar_sense.plotting import Figure
 
 #: Draws with emphasis on the tails of all poses and radars together, about a second; and least and
 #: most draws at a pose.

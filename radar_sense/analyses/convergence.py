@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +12,8 @@ from radar_sense.command import (
     ONE_RADAR,
     SEED_OF_DRAWS,
     WORKER_THREADS,
+    Axes,
+    Figure,
     Option,
     Result,
     command,
@@ -31,10 +32,6 @@ from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.words import placed, warning
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Axes, Figure
-
 
 #: Limit of the largest number of runs.
 LIMIT = Limit(at_least=2, at_most=2**17, whole=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import re
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from radar_sense.analyses.margin import OPTIONS, margin
 from radar_sense.analyses.verdict import K
-from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
+from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Axes, Figure, Result, Table, command
 from radar_sense.errors import InputError
 from radar_sense.model.detectors import (
     DETECTORS,
@@ -27,9 +27,6 @@ from radar_sense.model.detectors import (
 )
 from radar_sense.scenario import Scenario
 from radar_sense.words import describe_detector, describe_extreme, peak
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Axes, Figure
 
 #: Probabilities of false alarm of the table, besides the scenario's.
 P_FAS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-12)

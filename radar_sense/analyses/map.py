@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from radar_sense.command import (
     METHOD,
     ONE_RADAR,
     WORKER_THREADS,
+    Figure,
     Option,
     Result,
     command,
@@ -51,9 +52,6 @@ from radar_sense.propagation import (
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, FloatArray
 from radar_sense.words import placed, probability, warning
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
 
 #: Colours of the map and of the route. Their lightness grows with P_D, also in a grey print.
 COLOURS = "cividis"

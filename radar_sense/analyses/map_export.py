@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from radar_sense.command import Result
 from radar_sense.coverage.grid import places_at, pose_in_cells
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy
 from radar_sense.states import POSITION, FloatArray
-
-if TYPE_CHECKING:
-    from radar_sense.command import Result
 
 #: Most legs of a route in a file. More legs are joined, with the largest P_D of the legs.
 _MOST_LEGS = 5_000

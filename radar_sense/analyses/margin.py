@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.constants import Boltzmann
@@ -16,7 +15,7 @@ from scipy.special import ndtr, ndtri
 
 from radar_sense import words
 from radar_sense.axis import reached
-from radar_sense.command import Option, Result
+from radar_sense.command import Figure, Option, Result
 from radar_sense.covariance import variance_along
 from radar_sense.errors import InputError
 from radar_sense.limits import Limit
@@ -29,9 +28,6 @@ from radar_sense.scenario import Scenario
 from radar_sense.source_names import SOURCE
 from radar_sense.sources import sources_of
 from radar_sense.states import CONSTANT, FloatArray
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
 
 OPTIONS = (
     Option(

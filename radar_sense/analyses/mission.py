@@ -20,7 +20,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
@@ -33,6 +33,7 @@ from radar_sense.command import (
     ONE_RADAR,
     SEED_OF_DRAWS,
     WORKER_THREADS,
+    Figure,
     Option,
     Result,
     Table,
@@ -47,9 +48,6 @@ from radar_sense.mission.recombined import Cumulative, recombined_missions
 from radar_sense.mission.tracks import fuse, p_d_by_time
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
 
 #: Number of σ of a bound: the draws reach no farther than 3.
 REACHED = Limit(above=0, at_most=3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,15 +19,13 @@ from radar_sense.command import (
     SAMPLER,
     SEED_OF_DRAWS,
     WORKER_THREADS,
+    Figure,
     Result,
     command,
 )
 from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
 from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
 
 
 @command(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from radar_sense.command import (
     LEVEL,
     METHOD,
     ONE_RADAR,
+    Figure,
     Option,
     Result,
     Table,
@@ -32,9 +33,6 @@ from radar_sense.propagation import AUTOMATIC, no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
 from radar_sense.words import add_axis, band_off, gathered, level_and_method, listed, places
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
 
 #: Default P_D of the range.
 P_D = 0.5

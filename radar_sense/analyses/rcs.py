@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from radar_sense.command import ONE_RADAR, Result, command
+from radar_sense.command import ONE_RADAR, Figure, Result, command
 from radar_sense.errors import InputError
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs import RCS
@@ -15,9 +15,6 @@ from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.words import decibels, table_warnings
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
 
 #: Steps of the table [deg].
 AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 from radar_sense import words
 from radar_sense.axis import Axis
-from radar_sense.command import METHOD, ONE_RADAR, Result, command
+from radar_sense.command import METHOD, ONE_RADAR, Figure, Result, command
 from radar_sense.propagation import distribution, mean_and_std
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
 
 
 @command(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import time
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,17 +12,14 @@ from radar_sense import words
 from radar_sense.acceptance.threshold import PathTest, path_test
 from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, sigmas, worst_band
 from radar_sense.axis import Axis, steps
-from radar_sense.command import LEVEL, METHOD, Option, Result, command
+from radar_sense.command import LEVEL, METHOD, Figure, Option, Result, command
 from radar_sense.cost import RATE, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
 from radar_sense.units import ascii_unit, unit_name
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-    from radar_sense.states import FloatArray
 
 #: Most values, and most of them that the terminal shows.
 MAX_VALUES, SHOWN = 1000, 40

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from radar_sense import words
 from radar_sense.analyses.verdict import K
+from radar_sense.axis import Axis
 from radar_sense.command import (
     LEVEL,
     METHOD,
     ONE_RADAR,
     SEED_OF_DRAWS,
     WORKER_THREADS,
+    Figure,
     Option,
     Result,
     command,
@@ -25,10 +26,6 @@ from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
-
-if TYPE_CHECKING:
-    from radar_sense.axis import Axis
-    from radar_sense.plotting import Figure
 
 #: Plain runs for the coverage: 270 of them are expected outside the band. 7.9.4 b) asks for 100.
 RUNS = 100_000
