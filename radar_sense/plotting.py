@@ -179,23 +179,11 @@ class Given:
     def __init__(self, axes: Sequence[Axes]) -> None:
         self.axes = list(axes)
 
-    def subplots(
-        self,
-        rows: int = 1,
-        columns: int = 1,
-        *,
-        squeeze: bool = True,
-        subplot_kw: Mapping[str, Any] | None = None,
-        **_: Any,
-    ) -> Any:
-        """Return the axes in the place of new ones.
-
-        Raises:
-            ValueError: If there are fewer or more axes than panels, or they must be polar.
-        """
-        places = self.add_gridspec(rows, columns)
-        panels = [self.add_subplot(place, **(subplot_kw or {})) for place in places]
-        return np.array(panels).reshape(rows, columns) if not squeeze else panels[0]
+    def subplots(self, rows: int = 1, columns: int = 1, **options: Any) -> Any:
+        """Return the axes in the place of new ones, or raise ValueError if they do not fit."""
+        polar = options.get("subplot_kw", {})
+        panels = [self.add_subplot(place, **polar) for place in self.add_gridspec(rows, columns)]
+        return panels[0] if options.get("squeeze", True) else np.array(panels).reshape(rows, -1)
 
     def add_gridspec(self, rows: int, columns: int, **_: Any) -> range:
         """Return the numbers of the panels."""
@@ -425,18 +413,12 @@ def display_unit(axis: Axis) -> DisplayUnit:
     return _UNITS.get(axis.key) or DisplayUnit(key_in_words(axis.name))
 
 
-def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
-    """Return the ranges of x where the mask holds, extended half way to the next pose."""
-    middles = 0.5 * (x[1:] + x[:-1]) if len(x) > 1 else x
-    lefts, rights = np.concatenate([x[:1], middles]), np.concatenate([middles, x[-1:]])
-    if len(x) == 1:
-        lefts, rights = x - 0.5, x + 0.5
-    return [(float(lefts[first]), float(rights[last])) for first, last in runs_of(mask)]
-
-
 def draw_shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | None) -> None:
-    """Shade the ranges where a mask holds, as pixels if there are too many ranges."""
-    spans = [(left, right - left) for left, right in _spans(mask, x)]
+    """Shade from half way to the pose before up to half way to the next, where a mask holds."""
+    ends = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
+    if len(x) == 1:
+        ends += np.array([-0.5, 0.5])
+    spans = [(ends[first], ends[last + 1] - ends[first]) for first, last in runs_of(mask)]
     if spans:
         axes.broken_barh(
             spans,
