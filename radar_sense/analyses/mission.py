@@ -1,17 +1,10 @@
 """A mission: the probability of a detection and of a track by each look along a path.
 
-A mission needs a path with times, and the time from one look of a radar to the next,
-`radar.scan_period_s`. Each radar has a first look at the first pose. Between two poses the aircraft
-flies a straight line. The line is in latitude and longitude if the path follows the curve of the
-earth, and in the local frame otherwise. The attitude turns the short way at a constant rate. The
-covariance is linear, relative to level at the aircraft. Poses far apart in a turn make a poor path.
-`geometry.interpolate` adds poses. The errors of the poses have the correlation time
-`uncertainty.aircraft_correlation_s`. The errors of a radar are the same at all looks.
-
-The radars of a network with the same scan period are a scan group. They look together, and the
-looks of a group at one time are one look. P_c counts the looks of all radars. A track is m
-detections in n consecutive looks of one scan group. The network has a track when a scan group has a
-track. The bounds are from draws, see `mission.recombined`.
+Between two poses the aircraft flies a straight line. The line is in latitude and longitude if the
+path follows the curve of the earth, and in the local frame otherwise. The attitude turns the short
+way at a constant rate. The covariance is linear, relative to level at the aircraft. When radars
+look, and which look together, is in `mission.schedule`; the bounds are from draws, see
+`mission.recombined`.
 """
 
 from __future__ import annotations
