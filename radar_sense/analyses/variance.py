@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,16 +11,13 @@ from radar_sense import words
 from radar_sense.acceptance.threshold import PathTest
 from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, require_threshold, sigmas
 from radar_sense.axis import reached
-from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
+from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Result, Table, command
 from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.propagation import AUTOMATIC, Band, Moments, band_of_scenario, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import POSITION
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
 
 
 @command(
