@@ -12,7 +12,7 @@ from radar_sense.mission.looks import Looks
 from radar_sense.mission.tracks import event_probabilities
 from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK
 from radar_sense.montecarlo.parallel import in_order
-from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.montecarlo.sampler import clipped
 from radar_sense.montecarlo.statistics import DrawStatistics, Statistics
 from radar_sense.progress import report
 from radar_sense.states import AIRCRAFT, of_each
@@ -53,30 +53,29 @@ def draw_missions(
         workers: Threads to compute with; the result does not depend on their number.
     """
     scenario, times, tail = looks.scenario, len(looks.schedule.time), float(ndtr(-k))
-    sampler, runs = Sampler(scenario.states()), scenario.runs
+    states, runs = scenario.states(), scenario.runs
     runs_per_block = max(1, SAMPLES_PER_BLOCK // times)
 
     def draw(block: int) -> tuple[list[Statistics], int]:
         generator = random_stream(scenario.seed, Stream.MISSION, block)
         # A whole block is drawn, because a longer computation must begin with the same runs.
-        radar_normals = generator.standard_normal((runs_per_block, sampler.radar_normals))
+        radar_normals = generator.standard_normal((runs_per_block, states.radar_normals))
         normals = generator.standard_normal((times, len(AIRCRAFT), runs_per_block))
         rows = slice(min(runs_per_block, runs - block * runs_per_block))
-        radar, negative = sampler.draw_radar(radar_normals[rows])
-        poses = looks.poses(normals[..., rows])
-        states = of_each(radar, len(scenario.radars))
-        p_d = [looks.p_d(i, poses, s[:, np.newaxis]) for i, s in enumerate(states)]
+        radar = states.radars_at(radar_normals[rows])
+        poses, each = looks.poses(normals[..., rows]), of_each(radar, len(scenario.radars))
+        p_d = [looks.p_d(i, poses, own[:, np.newaxis]) for i, own in enumerate(each)]
         statistics = []
         for probability in event_probabilities(looks.schedule, p_d, m_of_n):
             statistics.append(Statistics(times, runs, tail))
             statistics[-1].add(probability.T)
-        return statistics, int(np.count_nonzero(negative))
+        return statistics, clipped(radar)
 
     totals = [Statistics(times, runs, tail) for _ in range(2 if m_of_n else 1)]
-    clipped = 0
-    for statistics, negative in in_order(draw, math.ceil(runs / runs_per_block), workers):
+    all_clipped = 0
+    for statistics, of_block in in_order(draw, math.ceil(runs / runs_per_block), workers):
         for total, more in zip(totals, statistics, strict=True):
             total.merge(more)
-        clipped += negative
+        all_clipped += of_block
         report("runs", totals[0].count, runs)
-    return MissionDraws(runs, scenario.seed, [total.result() for total in totals], clipped)
+    return MissionDraws(runs, scenario.seed, [total.result() for total in totals], all_clipped)

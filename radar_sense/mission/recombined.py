@@ -43,10 +43,10 @@ from radar_sense.mission.tracks import (
 )
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.parallel import in_order
-from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.progress import report
 from radar_sense.states import AIRCRAFT, FloatArray, of_each
 from radar_sense.streams import Stream, random_stream
+from radar_sense.uncertain_states import UncertainStates
 
 #: Share of the widened candidates, of the draws in the tails, and of the combinations with an
 #: emphasis on all radars.
@@ -150,7 +150,7 @@ class _Plan:
     Attributes:
         looks: The looks.
         m_of_n: m and n of a track; None for detection alone.
-        samplers: The sampler of each radar, or one of all radars if their errors are correlated.
+        states: Those of each radar, or of all radars together if their errors are correlated.
         screening: Times of some looks of each radar, where P_D of candidates is computed.
         work: Work of a look, in evaluations of P_D.
         paths: Number of paths of a replicate.
@@ -159,7 +159,7 @@ class _Plan:
 
     looks: Looks
     m_of_n: tuple[int, int] | None
-    samplers: list[Sampler]
+    states: list[UncertainStates]
     screening: list[NDArray[np.intp]]
     work: float
     paths: int
@@ -171,10 +171,9 @@ class _Plan:
         """Choose the numbers of draws, and the looks at which P_D of candidates is computed."""
         scenario = looks.scenario
         # an error that radars share, of the RCS or of their type, keeps them together
-        alone = [s.states() for s in looks.radars]
-        (whole,) = scenario.states().cov_radar
-        apart = np.array_equal(whole, block_diagonal([s.cov_radar[0] for s in alone]))
-        samplers = [Sampler(s) for s in (alone if apart else [scenario.states()])]
+        states, whole = [s.states() for s in looks.radars], scenario.states()
+        apart = block_diagonal([own.cov_radar[0] for own in states])
+        states = states if np.array_equal(whole.cov_radar[0], apart) else [whole]
         screening = []
         for p_d, times in zip(looks.nominal_p_d(), looks.times, strict=True):
             total = np.cumsum(p_d)
@@ -183,9 +182,9 @@ class _Plan:
         histories = 0 if m_of_n is None else 2 ** (m_of_n[1] - 1)
         work = 1.0 + histories / HISTORIES
         all_draws = np.clip(LOOKS / work / sum(map(len, looks.times)), MIN_DRAWS, MAX_DRAWS)
-        draws = DRAWS_PER_PATH if len(samplers) > 1 else 1
+        draws = DRAWS_PER_PATH if len(states) > 1 else 1
         paths = int(all_draws) // draws
-        return cls(looks, m_of_n, samplers, screening, work, paths, draws, ranks)
+        return cls(looks, m_of_n, states, screening, work, paths, draws, ranks)
 
     def foresee(self, workers: int) -> None:
         """Say what the replicates take if that is much.
@@ -208,12 +207,12 @@ class _Plan:
         poses = looks.poses(normals)
         p_d: list[FloatArray] = []
         weights: list[FloatArray] = []
-        for sampler in self.samplers:
-            by_radar, weight = self._draw(generator, sampler, first=len(p_d))
-            for states in by_radar:
-                p_d.append(looks.p_d(len(p_d), poses, states.reshape(*shape, -1)))
+        for states in self.states:
+            by_radar, weight = self._draw(generator, states, first=len(p_d))
+            for radar in by_radar:
+                p_d.append(looks.p_d(len(p_d), poses, radar.reshape(*shape, -1)))
                 weights.append(weight)
-        if len(self.samplers) > 1:
+        if len(self.states) > 1:
             picks, weight = combine(generator, weights, shape, COMBINATIONS_PER_PATH)
         else:
             picks, weight = [np.arange(len(weight))] * len(p_d), weights[0]
@@ -229,22 +228,18 @@ class _Plan:
         return results
 
     def _draw(
-        self, generator: np.random.Generator, sampler: Sampler, first: int
+        self, generator: np.random.Generator, states: UncertainStates, first: int
     ) -> tuple[list[FloatArray], FloatArray]:
-        """Draw the states of a sampler's radars, the first of which has this number.
-
-        Returns:
-            States (draws, 7) of each radar, and weights (draws,).
-        """
+        """Return states (draws, 7) of radars, the first of which has this number, and weights."""
         draws = self.paths * self.draws
-        normals, weight = widened_normals(generator, CANDIDATES * draws, sampler.radar_normals)
-        by_radar = of_each(sampler.draw_radar(normals)[0], len(sampler.model.radars))
+        normals, weight = widened_normals(generator, CANDIDATES * draws, states.radar_normals)
+        by_radar = of_each(states.radars_at(normals), len(states.model.radars))
         p_d = np.zeros(len(weight))
-        for i, states in enumerate(by_radar, start=first):
+        for i, own in enumerate(by_radar, start=first):
             aircraft = self.looks.scenario.aircraft[self.screening[i], np.newaxis]
-            p_d += self.looks.radars[i].model.p_d(aircraft, states).sum(axis=0)
+            p_d += self.looks.radars[i].model.p_d(aircraft, own).sum(axis=0)
         chosen, weight = choose(generator, p_d, weight, draws)
-        return [states[chosen] for states in by_radar], weight
+        return [own[chosen] for own in by_radar], weight
 
     def _combined(
         self,

@@ -103,12 +103,13 @@ def _shares_of_time(scenario: Scenario) -> FloatArray | None:
 def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
     """Yield P_D (runs, n) with aircraft errors that are correlated along the path."""
     poses, time = len(path.aircraft), path.time_s if path.correlation_s else None
-    sampler = Sampler(path.states(), None if time is None else path.geometry.square_root)
+    states = path.states()
+    sampler = Sampler(states, None if time is None else path.geometry.square_root)
     size = max(1, _BLOCK // (poses * len(path.model.radars)))
     for block, start in enumerate(range(0, runs, size)):
         count = min(size, runs - start)
         generator = random_stream(path.seed, Stream.PATH, block)
-        radar, _ = sampler.draw_radar(generator.standard_normal((count, sampler.radar_normals)))
+        radar = states.radars_at(generator.standard_normal((count, states.radar_normals)))
         normals = generator.standard_normal((poses, count, len(AIRCRAFT)))
         if time is not None:
             correlate(normals, time, path.correlation_s)

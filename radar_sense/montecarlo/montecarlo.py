@@ -20,7 +20,7 @@ from radar_sense.cost import foresee
 from radar_sense.errors import InputError, describe
 from radar_sense.limits import SIGMAS, WORKERS, check_number
 from radar_sense.montecarlo.parallel import in_order
-from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.montecarlo.sampler import Sampler, clipped
 from radar_sense.montecarlo.sequences import SAMPLERS, Random, Sobol, check_sampler
 from radar_sense.montecarlo.statistics import DrawStatistics, Statistics, binomial_interval
 from radar_sense.progress import report
@@ -101,22 +101,15 @@ class MonteCarlo(DrawStatistics):
 
 def draw_block(
     sampler: Sampler, source: Random | Sobol, block: int, runs: int
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Draw the states of a block of runs, the last of which may have fewer runs.
+) -> tuple[FloatArray, int]:
+    """Return P_D (m, n) of a block of runs, and how many of them are clipped, see `clipped`.
 
-    Args:
-        sampler: Draws states and computes P_D.
-        source: Source of the unit normals.
-        block: Number of the block.
-        runs: Number of runs of all blocks.
-
-    Returns:
-        P_D (m, n), and the runs with a c_r drawn below zero and set to zero (m,).
+    The last block may have fewer of all `runs`.
     """
     rows = slice(min(source.runs, runs - block * source.runs))
     radar_normals, aircraft_normals = source.block(block)
-    radar, negative = sampler.draw_radar(radar_normals[rows])
-    return sampler.draw_p_d(aircraft_normals[rows], radar), negative
+    radar = sampler.states.radars_at(radar_normals[rows])
+    return sampler.draw_p_d(aircraft_normals[rows], radar), clipped(radar)
 
 
 def monte_carlo(
@@ -153,8 +146,8 @@ def monte_carlo(
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
     tail = float(ndtr(-check_number("k", k, SIGMAS)))
     _require_possible(scenario, sampler, workers, executor, tail)
-    states, band = Sampler(scenario.states()), propagate_scenario(scenario, method=method, beta=k)
-    poses, runs = states.poses, scenario.runs
+    poses, runs, states = len(scenario.aircraft), scenario.runs, scenario.states()
+    drawing, band = Sampler(states), propagate_scenario(scenario, method=method, beta=k)
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
     source = SAMPLERS[sampler](scenario.seed, runs_per_block, poses, states.radar_normals)
@@ -163,19 +156,19 @@ def monte_carlo(
     lower, upper = band.lower - slack, band.upper + slack
 
     def draw(block: int) -> tuple[Statistics, FloatArray, int, FloatArray]:
-        p_d, negative = draw_block(states, source, block, runs)
+        p_d, of_block = draw_block(drawing, source, block, runs)
         statistics = Statistics(poses, runs, tail)
         statistics.add(p_d)
         inside = np.count_nonzero((p_d >= lower) & (p_d <= upper), axis=0)
         sample_paths = p_d[: max(0, shown - block * runs_per_block)]
-        return statistics, inside, int(np.count_nonzero(negative)), sample_paths.copy()
+        return statistics, inside, of_block, sample_paths.copy()
 
-    total, all_inside, clipped, paths = Statistics(poses, runs, tail), np.zeros(poses), 0, []
+    total, all_inside, all_clipped, paths = Statistics(poses, runs, tail), np.zeros(poses), 0, []
     blocks = math.ceil(runs / runs_per_block)
-    for statistics, inside, negative, sample_paths in in_order(draw, blocks, workers, executor):
+    for statistics, inside, of_block, sample_paths in in_order(draw, blocks, workers, executor):
         total.merge(statistics)
         all_inside += inside
-        clipped += negative
+        all_clipped += of_block
         paths.append(sample_paths)
         report("runs", total.count, runs)
     return MonteCarlo(
@@ -184,7 +177,7 @@ def monte_carlo(
         seed=scenario.seed,
         band=band,
         inside=all_inside,
-        clipped=clipped,
+        clipped=all_clipped,
         sample_paths=np.concatenate(paths),
         sampler=sampler,
         k=float(k),

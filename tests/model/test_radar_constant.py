@@ -30,7 +30,7 @@ from radar_sense.model.radar_constant import (
 from radar_sense.model.radar_equation import SEARCH_FACTORS, SurveillanceRadar, TrackingRadar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.montecarlo.sampler import clipped
 from radar_sense.propagation import propagate_scenario
 from radar_sense.propagation.form import Form
 from radar_sense.scenario_file.load import parse_scenario
@@ -257,13 +257,12 @@ def test_moments_of_a_factor_by_quadrature(part):
 @pytest.mark.parametrize("kind", KEYS)
 def test_draws_have_the_moments(kind):
     s = sheet_scenario(kind)
-    sampler = Sampler(s.states())
-    runs = 400_000
-    normals = np.random.default_rng(3).standard_normal((runs, sampler.radar_normals))
-    assert sampler.radar_normals == 3 + len(TOLERANCES[kind])
-    radar, zero = sampler.draw_radar(normals)
+    states, runs = s.states(), 400_000
+    normals = np.random.default_rng(3).standard_normal((runs, states.radar_normals))
+    assert states.radar_normals == 3 + len(TOLERANCES[kind])
+    radar = states.radars_at(normals)
     drawn, exact = radar[:, 3] / s.radar[3], shape(s.tolerances[0])
-    assert not zero.any()
+    assert clipped(radar) == 0
     # 4.5 standard errors: of the mean, of the deviation (by the fourth moment), of the skewness
     assert drawn.mean() == pytest.approx(exact.mean, abs=4.5 * exact.std / math.sqrt(runs))
     centred = (drawn - drawn.mean()) / drawn.std()
@@ -277,11 +276,11 @@ def test_draws_have_the_moments(kind):
 
 
 def test_a_power_below_zero_is_no_power():
-    sampler = Sampler(sheet_scenario(tolerances={"average_power_kw": 6, "loss_db": 1}).states())
+    states = sheet_scenario(tolerances={"average_power_kw": 6, "loss_db": 1}).states()
     normals = np.zeros((4, 5))
     normals[:, 3] = [-3, -1.7, -1.6, 0]  # 10 + 6 u kW
-    radar, zero = sampler.draw_radar(normals)
-    assert zero.tolist() == [True, True, False, False]
+    radar = states.radars_at(normals)
+    assert [clipped(one) for one in radar[:, np.newaxis]] == [1, 1, 0, 0]
     np.testing.assert_allclose(radar[:, 3] / radar[3, 3], [0, 0, 0.04, 1], rtol=1e-12, atol=0)
 
 

@@ -185,8 +185,8 @@ def test_draws_where_the_sight_of_the_radars_changes_are_those_of_the_whole_netw
         _, states = uncertain_states(network, flight, radar, cov_aircraft, cov_radar)
         sampler = Sampler(states)
         normals = np.random.default_rng(5).standard_normal((50, 400, 6))
-        of_radars = np.random.default_rng(6).standard_normal((50, sampler.radar_normals))
-        drawn, _ = sampler.draw_radar(of_radars)
+        of_radars = np.random.default_rng(6).standard_normal((50, states.radar_normals))
+        drawn = states.radars_at(of_radars)
         aircraft = flight + normals * np.sqrt(np.diag(cov_aircraft))
         expected = 1 - np.prod(1 - p_d_each(network, aircraft, drawn[:, np.newaxis]), axis=-1)
         np.testing.assert_allclose(sampler.draw_p_d(normals, drawn), expected, atol=1e-13)
@@ -250,16 +250,15 @@ def test_statistics_are_those_of_all_draws(monkeypatch, workers):
         mc = monte_carlo(s, runs=runs, seed=5, workers=workers)
     assert shown[1:] == [("runs", min(8 * (i + 1), runs), runs) for i in range(151)]
     sampler = montecarlo.Sampler(s.states())
-    source = SAMPLERS["random"](5, 8, 13, sampler.radar_normals)
-    draws, clipped = [], []
+    source = SAMPLERS["random"](5, 8, 13, s.states().radar_normals)
+    draws, radars = [], []
     for block in range(-(-runs // 8)):
         radar_normals, aircraft_normals = source.block(block)
-        radar, negative = sampler.draw_radar(radar_normals)
-        draws.append(sampler.draw_p_d(aircraft_normals, radar))
-        clipped.append(negative)
-    draws, clipped = np.concatenate(draws)[:runs], np.concatenate(clipped)[:runs]
+        radars.append(s.states().radars_at(radar_normals))
+        draws.append(sampler.draw_p_d(aircraft_normals, radars[-1]))
+    draws, radars = np.concatenate(draws)[:runs], np.concatenate(radars)[:runs]
     np.testing.assert_array_equal(mc.sample_paths, draws[:MAX_SAMPLE_PATHS])
-    assert mc.clipped == np.count_nonzero(clipped) > 10
+    assert mc.clipped == np.count_nonzero(radars[:, 3] == 0) > 10
     np.testing.assert_allclose(mc.mean, draws.mean(axis=0), rtol=1e-13)
     np.testing.assert_allclose(mc.std, draws.std(axis=0, ddof=1), rtol=1e-12)
     inside = (draws >= mc.band.lower) & (draws <= mc.band.upper)

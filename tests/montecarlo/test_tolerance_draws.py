@@ -21,7 +21,7 @@ from studies.bands import cases, truth
 from studies.bands.model import Oracle
 
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.montecarlo.sampler import clipped
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.sources import error_budget
@@ -88,21 +88,20 @@ def test_every_part_has_a_unit_normal_of_its_own():
     # three of the position of each radar, c_r of the third, then the parts
     assert list(states.columns) == [0, 1, 2, 7, 8, 9, 14, 15, 16, 17]
     assert states.tolerance_normals == [[0, 1, 2], [3, 4, 5], []]
-    sampler, nominal = Sampler(states), states.radar[0]
-    assert sampler.radar_normals == 16
-    at_rest = sampler.draw_radar(np.zeros((1, 16)))[0][0]
-    assert_array_equal(at_rest, nominal)
+    nominal = states.radar[0]
+    assert states.radar_normals == 16
+    assert_array_equal(states.radars_at(np.zeros((1, 16)))[0], nominal)
     for i, (parts, own) in enumerate(zip(s.tolerances, states.tolerance_normals, strict=True)):
         for part, number in zip(parts, own, strict=True):
-            drawn, negative = sampler.draw_radar(np.eye(16)[[10 + number]])
+            drawn = states.radars_at(np.eye(16)[[10 + number]])
             changed = np.flatnonzero(drawn[0] != nominal)
             assert list(changed) == [7 * i + 3]
             assert drawn[0, changed] / nominal[changed] == pytest.approx(
                 part.factor(np.array(1.0)), rel=1e-15
             )
-            assert not negative
+            assert not clipped(drawn)
     # the third is a number still
-    assert sampler.draw_radar(np.eye(16)[[9]])[0][0, 17] == MIXED_NUMBER[0] + MIXED_NUMBER[1]
+    assert states.radars_at(np.eye(16)[[9]])[0, 17] == MIXED_NUMBER[0] + MIXED_NUMBER[1]
 
 
 #: A place known better across than along; its eigenvectors are not in the order of its axes.
@@ -117,8 +116,8 @@ def test_a_part_moves_its_constant_and_nothing_else():
     several[2]["uncertainty"]["sheet"] = {"covariance": whole.tolist()}
     for radar in (several, several[1:], several[:1]):
         states = mixed_network(radar).states()
-        sampler, expected = Sampler(states), states.cov_radar[0].copy()
-        moved = sampler.draw_radar(np.eye(sampler.radar_normals))[0] - states.radar[0]
+        expected = states.cov_radar[0].copy()
+        moved = states.radars_at(np.eye(states.radar_normals)) - states.radar[0]
         for i, numbers in enumerate(states.tolerance_normals):
             if not numbers:
                 continue
@@ -152,7 +151,7 @@ def test_a_power_below_zero_is_counted_once_a_run():
     errors[4, second] = -2  # a Gaussian c_r, known to 94 %, would be below zero
     errors[[0, 2], first] = -3.5
     errors[[0, 1], second] = -5.5
-    radar, negative = Sampler(states).draw_radar(errors)
-    assert_array_equal(negative, [True, True, True, False, False])
+    radar = states.radars_at(errors)
+    assert [clipped(one) for one in radar[:, np.newaxis]] == [1, 1, 1, 0, 0]
     assert_array_equal(radar[:, 3] == 0, [True, False, True, False, False])
     assert_array_equal(radar[:, 10] == 0, [True, True, False, False, False])

@@ -13,7 +13,7 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.montecarlo.sampler import Sampler, clipped
 from radar_sense.propagation import METHODS, distribution, propagate_scenario
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario
@@ -99,9 +99,8 @@ def test_independence_understates_the_variance(attitude_deg, factor):
         apart = apart + others**2 * variance_along(single.jac_aircraft, scenario.cov_aircraft)
     # the same by draws: the aircraft drawn once for all radars, and once for each
     mc = monte_carlo(scenario, sampler="sobol")
-    sampler = Sampler(scenario.states())
     rng = np.random.default_rng(1)
-    radar, _ = sampler.draw_radar(rng.standard_normal((scenario.runs, 12)))
+    radar = scenario.states().radars_at(rng.standard_normal((scenario.runs, 12)))
     miss = 1.0
     for i, s in enumerate(single_radar_scenarios(scenario).values()):
         normals = rng.standard_normal((scenario.runs, 1, 6))
@@ -127,13 +126,13 @@ def test_no_method_but_linear_leaves_0_to_1():
 def test_every_constant_below_zero_is_set_to_zero_and_runs_are_counted():
     scenario = paper_network([(0, 0, 0)] * 2, [100, 1])
     cov = np.diag([0.0, 0, 0, 1, 0, 0, 0, 4])
-    sampler = Sampler(with_arrays(scenario, cov_radar={"medium": cov}).states())
-    assert sampler.radar_normals == 2  # of the two radar constants
+    states = with_arrays(scenario, cov_radar={"medium": cov}).states()
+    assert states.radar_normals == 2  # of the two radar constants
     normals = np.zeros((3, 2))
     normals[:, 1] = 0, -0.25, -1
     normals[2, 0] = -200
-    radar, negative = sampler.draw_radar(normals)
-    assert_array_equal(negative, [False, False, True])
+    radar = states.radars_at(normals)
+    assert [clipped(one) for one in radar[:, np.newaxis]] == [0, 0, 1]
     assert_array_equal(radar[:, 10], [1, 0.5, 0])
     assert_array_equal(radar[:, 3], [100, 100, 0])
 

@@ -25,7 +25,6 @@ from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import recombined_missions
 from radar_sense.mission.tracks import event_probabilities
 from radar_sense.montecarlo.montecarlo import TAIL
-from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.states import of_each
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -110,13 +109,13 @@ def plain_draws(
     looks: Looks, window: tuple[int, int], runs: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the least and the greatest draws (keep, K) of P for each event, from the extreme."""
-    sampler, times = Sampler(looks.scenario.states()), len(looks.schedule.time)
+    drawn, times = looks.scenario.states(), len(looks.schedule.time)
     rng = np.random.default_rng(SEED)
     keep = math.ceil(TAIL * runs + 4.0 * math.sqrt(TAIL * runs)) + 2
     extremes = [(np.empty((0, times)),) * 2 for _ in range(2)]
     for _ in range(runs // BLOCK):
-        radars = sampler.draw_radar(rng.standard_normal((BLOCK, sampler.radar_normals)))[0]
-        poses = looks.process.poses(rng.standard_normal((times, 6, BLOCK)))
+        radars = drawn.radars_at(rng.standard_normal((BLOCK, drawn.radar_normals)))
+        poses = looks.poses(rng.standard_normal((times, 6, BLOCK)))
         states = of_each(radars, len(looks.scenario.radars))
         p_d = [looks.p_d(i, poses, s[:, np.newaxis]) for i, s in enumerate(states)]
         for event, p in enumerate(event_probabilities(looks.schedule, p_d, window)):
