@@ -230,10 +230,7 @@ class _Goal:
 
         def compared(found: Estimate) -> tuple[FloatArray, FloatArray]:
             """Return by how much (j,) the limit is exceeded, and the error that is sure."""
-            if self.k is None:
-                values, errors = self._value(found)
-            else:
-                values, errors = found.above, found.above_error
+            values, errors = self._value(found) if self.k is None else found.above
             return values - most, SURE * errors
 
         def settled(_: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
@@ -266,9 +263,9 @@ class _Goal:
 
     def _value(self, found: Estimate) -> tuple[FloatArray, FloatArray]:
         """Return 3σ of P_D, or its upper bound, by draws (k,), and the standard error."""
-        if self.k is None:
-            return 3.0 * found.std, 3.0 * found.std_error
-        return found.upper, found.upper_error
+        (_, std), (_, std_error) = found.moments
+        (_, upper), (_, upper_error) = found.bounds
+        return (3.0 * std, 3.0 * std_error) if self.k is None else (upper, upper_error)
 
     @property
     def _off(self) -> float:

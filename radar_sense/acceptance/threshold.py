@@ -168,16 +168,17 @@ def decide(
         some: NDArray[np.intp], found: Estimate
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return where the test holds and where it is violated."""
-        below, error = tail - found.above, found.above_error
+        above, error = found.above
+        below = tail - above
         # as many runs or more exceed the limit with this probability, if the draws are right
-        counts, most = runs.counts[some], runs.runs * (found.above + 3.0 * found.above_error)
+        counts, most = runs.counts[some], runs.runs * (above + 3.0 * error)
         consistent = (counts == 0) | (pdtrc(counts - 1.0, most) > ALARM)
         holds = (to_hold * error <= below) & consistent & (runs.runs >= wanted)
         return holds, to_violate * error < -below
 
     looks = Looks(scenario.states(), k, p_max, first)
     drawn = looks.until(lambda some, found: np.logical_or(*decided(some, found)), LAST, rows)
-    return Decision(*decided(every, drawn), drawn.upper, runs, wanted)
+    return Decision(*decided(every, drawn), drawn.bounds[0][1], runs, wanted)
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ PARTS = 4
 DIGITS = Limit(at_least=1, at_most=4, whole=True)
 #: Standard errors of the draws by which a method differs from them.
 ERRORS = 4.0
-#: What is compared: attributes of `Moments` and of `Estimate`.
+#: What is compared: attributes of `Moments`, and the first values of an `Estimate`.
 QUANTITIES = ("mean", "std", "lower", "upper")
 
 
@@ -149,8 +149,7 @@ def draw_in_parts(
     """
     seeds = random_stream(states.seed, Stream.PARTS, 0).integers(2**63, size=PARTS)
     parts = [estimate(replace(states, seed=int(x)), draws // PARTS, beta) for x in seeds]
-    drawn = [[getattr(part, name) for name in QUANTITIES] for part in parts]
-    error = [[getattr(part, f"{name}_error") for name in QUANTITIES] for part in parts]
+    drawn, error = ([getattr(p, name)[:4] for p in parts] for name in ("values", "errors"))
     return np.mean(drawn, axis=0), np.sqrt(np.sum(np.square(error), axis=0)) / PARTS
 
 

@@ -95,8 +95,8 @@ def of_bounds(found: Estimate) -> tuple[FloatArray, ...]:
 def of_moments(found: Estimate) -> tuple[FloatArray, ...]:
     """Return mean and σ by draws (2, k), their standard errors, tolerances, and a small noise."""
     drawn, errors = found.moments
-    of_std = STD_CHANGE * found.std
-    tolerance = np.stack([_tolerance(found.mean), of_std])
+    of_std = STD_CHANGE * drawn[1]
+    tolerance = np.stack([_tolerance(drawn[0]), of_std])
     small = np.maximum(of_std, STD_CHANGE * BOUND_CHANGE)
     return drawn, errors, tolerance, np.stack([np.full_like(of_std, BOUND_CHANGE), small])
 
@@ -143,7 +143,7 @@ class Automatic(Distribution):
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) by draws."""
-        return estimate(self.states, FOR_PROBABILITY, JUDGED, p_max).above
+        return estimate(self.states, FOR_PROBABILITY, JUDGED, p_max).above[0]
 
     def with_covariances(self, changed: UncertainStates) -> Automatic:
         """Return the method for the same states with other covariances."""
@@ -152,22 +152,21 @@ class Automatic(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        form, looks = self._form, self._looks_at(JUDGED)
-        drawn, confirmed, _ = judged(looks, (form.mean, form.std), of_moments, to_precision=True)
-        return np.where(confirmed, form.mean, drawn.mean), np.where(confirmed, form.std, drawn.std)
+        by_form, looks = self._form.moments, self._looks_at(JUDGED)
+        drawn, confirmed, _ = judged(looks, by_form, of_moments, to_precision=True)
+        mean, std = np.where(confirmed, by_form, drawn.moments[0])
+        return mean, std
 
     def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:
         """Return lower and upper bound at β, their standard error (k,), and the draws."""
         if beta not in self._bands:
-            lower, upper = self._form.quantile(-beta), self._form.quantile(beta)
+            by_form = self._form.quantile(-beta), self._form.quantile(beta)
             looks = self._looks_at(beta)
-            drawn, confirmed, _ = judged(looks, (lower, upper), of_bounds, to_precision=True)
-            self._bands[beta] = (
-                np.where(confirmed, lower, drawn.lower),
-                np.where(confirmed, upper, drawn.upper),
-                np.where(confirmed, 0.0, np.max(drawn.bounds[1], axis=0)),
-                drawn,
-            )
+            drawn, confirmed, _ = judged(looks, by_form, of_bounds, to_precision=True)
+            bounds, errors = drawn.bounds
+            lower, upper = np.where(confirmed, by_form, bounds)
+            error = np.where(confirmed, 0.0, np.max(errors, axis=0))
+            self._bands[beta] = lower, upper, error, drawn
         return self._bands[beta]
 
     def _looks_at(self, beta: float) -> Looks:

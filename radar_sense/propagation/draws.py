@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,62 +33,50 @@ class Estimate:
     """What draws at k poses say of P_D.
 
     Attributes:
-        mean: Mean of P_D (k,).
-        mean_error: Standard error of `mean` (k,).
-        std: Standard deviation of P_D (k,).
-        std_error: Standard error of `std` (k,).
-        lower: Bound that P_D falls below with probability Φ(−β) (k,).
-        lower_error: Standard error of `lower` (k,).
-        upper: Bound that P_D stays below with probability Φ(β) (k,).
-        upper_error: Standard error of `upper` (k,).
-        above: P(P_D > p_max) (k,); NaN without p_max.
-        above_error: Standard error of `above` (k,).
+        values: Mean and standard deviation of P_D, the bounds that it falls below with probability
+            Φ(−β) and Φ(β), and P(P_D > p_max), which is NaN without p_max (5, k).
+        errors: Standard errors of the values (5, k).
         draws: Number of draws (k,).
     """
 
-    mean: FloatArray
-    mean_error: FloatArray
-    std: FloatArray
-    std_error: FloatArray
-    lower: FloatArray
-    lower_error: FloatArray
-    upper: FloatArray
-    upper_error: FloatArray
-    above: FloatArray
-    above_error: FloatArray
+    values: FloatArray
+    errors: FloatArray
     draws: FloatArray
-
-    @property
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bound (2, k), and their standard errors (2, k)."""
-        errors = np.stack([self.lower_error, self.upper_error])
-        return np.stack([self.lower, self.upper]), errors
 
     @property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation (2, k), and their standard errors (2, k)."""
-        errors = np.stack([self.mean_error, self.std_error])
-        return np.stack([self.mean, self.std]), errors
+        return self.values[:2], self.errors[:2]
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bound (2, k), and their standard errors (2, k)."""
+        return self.values[2:4], self.errors[2:4]
+
+    @property
+    def above(self) -> tuple[FloatArray, FloatArray]:
+        """P(P_D > p_max) (k,), and its standard error (k,)."""
+        return self.values[4], self.errors[4]
 
     @classmethod
     def constant(cls, poses: int, value: float) -> Estimate:
         """Return an estimate with one value of everything at all poses, to be filled."""
-        return cls(*(np.full(poses, value) for _ in fields(cls)))
+        return cls(np.full((5, poses), value), np.full((5, poses), value), np.full(poses, value))
 
     @classmethod
     def join(cls, parts: Sequence[Estimate]) -> Estimate:
         """Return the values at the poses of all parts, one part after the other."""
         arrays = zip(*(vars(part).values() for part in parts), strict=True)
-        return cls(*map(np.concatenate, arrays))
+        return cls(*(np.concatenate(each, axis=-1) for each in arrays))
 
     def at(self, rows: NDArray[np.intp] | slice) -> Estimate:
         """Return a copy of the values at some poses."""
-        return Estimate(*(values[rows].copy() for values in vars(self).values()))
+        return Estimate(*(array[..., rows].copy() for array in vars(self).values()))
 
     def put(self, rows: NDArray[np.intp] | slice, other: Estimate) -> None:
         """Overwrite the values at some poses."""
-        for name, values in vars(self).items():
-            values[rows] = getattr(other, name)
+        for name, array in vars(self).items():
+            array[..., rows] = getattr(other, name)
 
 
 def estimate(
@@ -106,7 +94,7 @@ def estimate(
     found = Estimate.constant(len(states), 0.0)
     found.draws[:] = draws
     if np.isnan(p_max):
-        found.above[:] = found.above_error[:] = np.nan
+        found.values[4] = found.errors[4] = np.nan
     size = max(1, KEPT // draws)
     for poses, part in states.by_sight():
         for start, block in enumerate(part.cut(size)):
@@ -235,16 +223,8 @@ def _estimate(
         above = np.minimum(np.sum(rising.weights, axis=1, where=exceeds), 1.0)  # but for rounding
         of_above = rising.error_of_share(exceeds)
     return Estimate(
-        mean,
-        rising.error(p_d),
-        std,
-        of_std,
-        lower,
-        of_lower,
-        -upper,
-        of_upper,
-        above,
-        of_above,
+        np.stack([mean, std, lower, -upper, above]),
+        np.stack([rising.error(p_d), of_std, of_lower, of_upper, of_above]),
         np.full(len(p_d), float(p_d.shape[1])),
     )
 

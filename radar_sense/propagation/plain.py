@@ -24,13 +24,12 @@ class PlainDraws(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        found = self._drawn(JUDGED)
-        return found.mean, found.std
+        mean, std = self._drawn(JUDGED).moments[0]
+        return mean, std
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
-        found = self._drawn(abs(beta))
-        return found.lower if beta < 0 else found.upper
+        return np.asarray(self._drawn(abs(beta)).bounds[0][int(beta >= 0)])
 
     def error(self, beta: float) -> FloatArray:
         """Return the greater standard error of the bounds at ±β (k,)."""
@@ -38,7 +37,7 @@ class PlainDraws(Distribution):
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,)."""
-        return estimate(self.states, self.states.runs, JUDGED, p_max, plain=True).above
+        return estimate(self.states, self.states.runs, JUDGED, p_max, plain=True).above[0]
 
     def with_covariances(self, changed: UncertainStates) -> PlainDraws:
         """Return the method for the same states with other covariances."""

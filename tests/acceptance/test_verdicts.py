@@ -521,6 +521,6 @@ def test_runs_of_the_path_contradict_draws_that_missed_a_tail():
     """The draws are made up: they have no P_D above the threshold, with an error of 0."""
     s = scenario(geometry__azimuth_deg=FEW)
     missed = dataclasses.replace(estimate(s.states(), 1024, 3.0, 0.5), draws=np.full(2, LAST))
-    for name in ("above", "above_error"):
-        getattr(missed, name)[:] = 0.0
+    for values in missed.above:
+        values[:] = 0.0
     assert not decide(s, 0.5, 3.0, missed).holds.any()

@@ -273,7 +273,7 @@ def test_the_draws_of_compare_are_not_those_of_automatic(monkeypatch):
     for draws in (1024, 4096, 16_384):
         monkeypatch.setattr(sys.modules["radar_sense.analyses.compare"], "TOGETHER", 4 * draws)
         table = analyses.compare(s).table
-        assert table["mc_upper"] != estimate(s.states(), draws, 3.0).upper
+        assert table["mc_upper"] != estimate(s.states(), draws, 3.0).bounds[0][1]
 
 
 def test_compare_takes_draws_as_the_poses_allow():

@@ -178,5 +178,5 @@ def test_a_second_question_makes_no_draw_twice(monkeypatch):
         np.testing.assert_array_equal(drawn.draws, last)
         for pose, draws in enumerate(last):
             alone = estimate(states.at(np.array([pose])), int(draws), 3.0)
-            assert alone.upper == drawn.upper[pose]
+            assert np.array_equal(alone.bounds[0][:, 0], drawn.bounds[0][:, pose])
     assert set(made.values()) == {1}
