@@ -216,13 +216,8 @@ class _Goal:
     ) -> bool | None:
         """Return whether draws say that the limit holds at a factor; None if they are not sure.
 
-        A bound holds if P_D exceeds the limit with the probability of the bound at most.
-
-        Args:
-            names: Names of sources and parts.
-            limit: The limit.
-            log_factor: ln of the factor on their standard deviations; −inf for 0.
-            rows: Poses to judge; None takes the poses of `_rows`.
+        A bound holds if P_D exceeds the limit with the probability of the bound at most. The poses
+        are those of `_rows` if none are given.
         """
         factor = float(np.exp(log_factor))
         rows = self.rows(names, factor) if rows is None else rows
@@ -301,10 +296,8 @@ class _Goal:
 def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[float, bool]:
     """Return the factor at which the excess rises above 0, between the exponentials of two numbers.
 
-    The excess is at most 0 at `low`, and above 0 or NaN at `high`, but for rounding.
-
-    Returns:
-        The factor, and whether the excess has a value at all larger factors that were tried.
+    The excess is at most 0 at `low`, and above 0 or NaN at `high`, but for rounding. Also returned
+    is whether the excess has a value at all larger factors that were tried.
     """
     from scipy.optimize import brentq  # slow to import
 
@@ -328,15 +321,7 @@ def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[fl
 
 
 def only_at(scenario: Scenario, at: float) -> Scenario:
-    """Return the scenario with only the pose at one place.
-
-    Args:
-        scenario: The scenario.
-        at: Place on the scenario's axis.
-
-    Raises:
-        InputError: If there is no pose at that place.
-    """
+    """Return the scenario with only the pose at one place on its axis."""
     axis = scenario.axis
     pose = int(np.argmin(abs(axis.values - at)))
     if abs(axis.values[pose] - at) > axis.tolerance:

@@ -76,15 +76,12 @@ def _suspects(matrices: FloatArray) -> NDArray[np.intp]:
 
 
 def checked(whose: str, covariance: ArrayLike, size: int | None = None) -> FloatArray:
-    """Return covariances (..., n, n) as an array, if they are covariances.
+    """Return covariances (..., n, n) as an array, checked: the error names the first that is none.
 
     Args:
         whose: Name of the state in errors.
         covariance: One matrix or many.
         size: Number n of components; None for any.
-
-    Raises:
-        InputError: If a matrix is not square, finite, symmetric and positive semidefinite.
     """
     matrices = real_array(f"{whose} covariance", covariance)
     poses, n = matrices.shape[:-2], size
@@ -119,17 +116,9 @@ def keep_components(covariance: FloatArray, components: Sequence[int]) -> FloatA
 
 
 def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
-    """Return the variance A C Aᵀ of a linear function of the state, eq. (35) of the paper.
+    """Return the variance A C Aᵀ (...) of a linear function of the state, eq. (35) of the paper.
 
-    Args:
-        jacobian: Partials A (..., n).
-        covariance: Covariance C (..., n, n) of the state, symmetric and positive semidefinite.
-
-    Returns:
-        (...), never negative.
-
-    Raises:
-        InputError: If the covariance is not (..., n, n).
+    The function has the partials A (..., n), and the state the covariance C (..., n, n).
     """
     covariance = np.asarray(covariance, dtype=float)
     n = jacobian.shape[-1]
@@ -232,12 +221,7 @@ def draws(mean: FloatArray, sqrt_cov: FloatArray, normals: FloatArray) -> FloatA
     """Return draws (..., n) with covariance F Fᵀ from independent unit normals (..., r).
 
     The sums are explicit, because the rounding of a matrix product depends on the BLAS library and
-    on the number of draws.
-
-    Args:
-        mean: Mean of the draws, which broadcasts with the draws.
-        sqrt_cov: F (n, r), or (k, n, r) with one F for each of k poses of draws (..., k, r).
-        normals: Independent unit normals (..., r).
+    on the number of draws. F is (n, r), or (k, n, r) for draws (..., k, n) at k poses.
     """
     n, r = sqrt_cov.shape[-2:]
     others = range(sqrt_cov.ndim - 2)

@@ -15,15 +15,7 @@ SECTIONS = {"scenario": Mapping, "summary": Mapping, "warnings": list, "analysis
 
 
 def parsed(text: str, source: str) -> dict[str, Any]:
-    """Return a record.
-
-    Args:
-        text: JSON.
-        source: Name of the file in errors.
-
-    Raises:
-        InputError: If it is no record of an analysis.
-    """
+    """Return the record of an analysis from JSON; `source` names the file in errors."""
     try:
         record = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -36,11 +28,7 @@ def parsed(text: str, source: str) -> dict[str, Any]:
 
 
 def compared(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Return what changed from a record to another, in lines; the scenario first.
-
-    Raises:
-        InputError: If the records are of different analyses.
-    """
+    """Return what changed from a record to another of the same analysis, in lines."""
     if old["analysis"] != new["analysis"]:
         raise InputError(
             f"records of {old['analysis']} and {new['analysis']} have no common numbers"

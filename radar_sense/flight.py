@@ -74,11 +74,7 @@ class Geometry:
         return self.axis.values
 
     def at(self, coordinate: FloatArray) -> Geometry:
-        """Return the poses of the flight at other coordinates (k,).
-
-        Raises:
-            InputError: If there is no flight from pose to pose.
-        """
+        """Return the poses of the flight at other coordinates (k,)."""
         raise InputError("there is no flight from pose to pose")
 
     def with_covariance(self, covariance: FloatArray) -> Geometry:
@@ -241,11 +237,7 @@ class Path(Geometry):
         )
 
     def with_covariance(self, covariance: FloatArray) -> Path:
-        """As of `Geometry`.
-
-        Raises:
-            InputError: If the nose points straight up or down in the frame of the origin.
-        """
+        """As of `Geometry`."""
         origin, flight = self.origin, self.flight
         if origin is None:
             return dataclasses.replace(self, covariance=covariance)

@@ -152,11 +152,7 @@ def plain_number(value: Any) -> Any:
 
 
 def check_number(name: str, value: Any, limit: Limit) -> Any:
-    """Return a value as a Python number, which is an int if the number must be whole.
-
-    Raises:
-        InputError: If the value is no number within the limit.
-    """
+    """Return an allowed value as a Python number, which is an int if the number must be whole."""
     number = plain_number(value)
     if not limit.allows(number):
         raise InputError(f"{name} must be {limit}, got {describe(number)}")
@@ -164,11 +160,7 @@ def check_number(name: str, value: Any, limit: Limit) -> Any:
 
 
 def check_parameters(instance: Any) -> None:
-    """Check the fields that are declared with a kind, and make Python numbers of numbers.
-
-    Raises:
-        InputError: If a value is outside its limit, is none of the words, or is of another class.
-    """
+    """Check the fields that are declared with a kind, and make Python numbers of numbers."""
     for f in fields(instance):
         value, kind = getattr(instance, f.name), f.metadata.get("kind")
         if value is None and f.default is None:

@@ -292,11 +292,7 @@ class Scenario:
         return states.with_covariances(*covariances, self.tolerances)
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
-        """Return the scenario with only some poses.
-
-        Raises:
-            InputError: If the poses are none of the scenario, or out of the order of a path.
-        """
+        """Return the scenario with only some poses, those of a path in order."""
         try:
             times = np.arange(len(self.axis)) if self.time_s is None else self.time_s
             chosen = times[poses]
@@ -338,25 +334,14 @@ class Scenario:
         return self._with(geometry=geometry, source=source)
 
     def of_file(self, file: Any, again: Callable[[Mapping[str, Any]], Scenario]) -> Scenario:
-        """Return the scenario with the file that it was made of.
-
-        Args:
-            file: A `scenario_file.sections.File`.
-            again: Reads the file again with other values of some keys.
-        """
+        """Return the scenario with the file that it was made of, see `Source`."""
         made = {name: getattr(self, name) for name in _OF_FILE}
         return self._with(source=Source(file, made, again))
 
     def with_keys(self, changes: Mapping[str, Any]) -> Scenario:
-        """Return the scenario of the same file with other values of some keys.
+        """Return the scenario of the same file with other values, such as {"radar.constant": 200}.
 
         Level, method, runs and seed stay as they are here, unless `changes` has them.
-
-        Args:
-            changes: Values by path of keys, such as {"radar.constant": 200}.
-
-        Raises:
-            InputError: If the scenario is not as its file made it, or a value is not allowed.
         """
         source = self.source
         if source is None or not self._is_as_made:
@@ -411,11 +396,7 @@ class Scenario:
         seed: int | None = None,
         method: str | None = None,
     ) -> Scenario:
-        """Return the scenario with other choices of analysis; None keeps a choice.
-
-        Raises:
-            InputError: If there is no such level or method, or runs or seed are out of range.
-        """
+        """Return the scenario with other choices of analysis; None keeps a choice."""
         given = {"level": level, "runs": runs, "seed": seed, "method": method}
         chosen = self._with(**{name: value for name, value in given.items() if value is not None})
         chosen._check_choices()
@@ -469,11 +450,7 @@ def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
 
 
 def for_radar(scenario: Scenario, name: str) -> Scenario:
-    """Return the scenario of one radar of a network, with the radar in its name.
-
-    Raises:
-        InputError: If there is no such radar, or the only radar has no name.
-    """
+    """Return the scenario of one radar of a network, with the radar in its name."""
     names = scenario.model.names
     if not names:
         raise InputError(

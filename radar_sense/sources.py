@@ -165,14 +165,9 @@ class Budget:
 
 
 def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
-    """Return the error budget of a scenario at its level.
+    """Return the error budget of a scenario at its level, by a method of propagation.
 
-    Args:
-        scenario: The scenario, with runs and seed for Sobol' indices.
-        method: A method of propagation, or "montecarlo" for Sobol' indices.
-
-    Raises:
-        InputError: If there is no such method, or sources are correlated, for Sobol' indices.
+    By "montecarlo" it is by Sobol' indices, with runs and seed of the scenario.
     """
     if method == MONTE_CARLO:
         return _by_sobol_indices(scenario)
@@ -269,13 +264,9 @@ def value_function(
 def scaled(
     scenario: Scenario, names: Collection[str], factor: float, others: float = 1.0
 ) -> UncertainStates:
-    """Return the states with σ of some sources and parts times a factor, and σ of the others too.
+    """Return the states with σ of some of `sources_of` times a factor, and σ of the others too.
 
-    Args:
-        scenario: The scenario.
-        names: Names of `sources_of`.
-        factor: Factor on the standard deviations of these.
-        others: Factor on the standard deviations of all others; 0 makes them certain.
+    A factor of 0 makes a source certain.
     """
     every = sources_of(scenario)
     chosen = [every[name] for name in names]

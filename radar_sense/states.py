@@ -38,11 +38,7 @@ CONSTANT, RCS_ERROR, ATTENUATION_ERROR, TILT_ERROR = 3, 4, 5, 6
 
 
 def of_each(radar: FloatArray, radars: int) -> list[FloatArray]:
-    """Split the states (..., 4m) or (..., 7m) of m radars into those of each, (..., 4) or (..., 7).
-
-    Raises:
-        ValueError: If the shape does not fit.
-    """
+    """Split states (..., 4m) or (..., 7m) of m radars into those of each, (..., 4) or (..., 7)."""
     size = radar.shape[-1] // radars if radar.ndim else 0
     if size not in (len(RADAR), len(RADAR_AND_ERRORS)) or radar.shape[-1] % radars:
         each = f" of each of {radars} radars" if radars > 1 else ""
@@ -71,10 +67,7 @@ def of_radar(number: int, components: slice = _ALL) -> slice:
 def with_errors(array: FloatArray, radars: int, axes: int = 1) -> FloatArray:
     """Return states (..., 7m) for (..., 4m): the errors of further parameters are 0.
 
-    Args:
-        array: The states, or a covariance (..., 4m, 4m).
-        radars: Number of radars, m.
-        axes: How many of the last axes are components, 2 for a covariance.
+    Of a covariance (..., 4m, 4m) the last 2 axes are components.
     """
     if array.shape[-1] == len(RADAR_AND_ERRORS) * radars:
         return array
@@ -100,9 +93,8 @@ def components_first(vectors: FloatArray) -> FloatArray:
 def real_array(name: str, values: ArrayLike) -> FloatArray:
     """Return values as an array of floats, the array itself if it is one.
 
-    Raises:
-        InputError: If the values are masked, ragged, or no real numbers: NumPy would drop the mask
-            and the imaginary parts, and would make numbers of text, booleans and dates.
+    Values that are masked, ragged or no real numbers are refused: NumPy would drop the mask and the
+    imaginary parts, and would make numbers of text, booleans and dates.
     """
     if type(values) is np.ndarray and values.dtype == float:
         return values
@@ -120,11 +112,7 @@ def real_array(name: str, values: ArrayLike) -> FloatArray:
 def checked_states(
     aircraft: ArrayLike, radar: ArrayLike, radars: int = 1
 ) -> tuple[FloatArray, FloatArray]:
-    """Return states of the aircraft (..., 6), and of the radars (..., 4m) or (..., 7m), as arrays.
-
-    Raises:
-        ValueError: If a shape does not fit, a state is not finite or a radar constant is negative.
-    """
+    """Return states of the aircraft (..., 6), and of the radars (..., 4m) or (..., 7m), checked."""
     aircraft = real_array("aircraft states", aircraft)
     if aircraft.shape[-1:] != (len(AIRCRAFT),):
         raise ValueError(
@@ -145,11 +133,6 @@ def check_finite(whose: str, states: FloatArray, radars: int = 1) -> None:
     """Raise InputError if states (..., n) of "aircraft" or "radar" are not finite, or too large.
 
     The error names the first value that is not allowed, its component and its pose, from 0.
-
-    Args:
-        whose: "aircraft" or "radar".
-        states: The states.
-        radars: Number of radars.
     """
     if states.min(initial=0.0) >= -MOST and states.max(initial=0.0) <= MOST:  # False for NaN
         return

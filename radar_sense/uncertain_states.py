@@ -228,11 +228,9 @@ class UncertainStates:
         return np.stack([block_square_root(matrix) for matrix in certain])
 
     def at_normals(self, u: FloatArray, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
-        """Return aircraft states (k, n, 6) and radar states (k, n, 7m) at unit normals.
+        """Return aircraft states (k, n, 6) and radar states (k, n, 7m) at unit normals (k, d, n).
 
-        Args:
-            u: Unit normals (k, d, n).
-            rows: The k poses of the unit normals.
+        The unit normals are of k of the poses, the rows.
         """
         normals, first = u.swapaxes(1, 2), len(AIRCRAFT)
 
@@ -264,10 +262,7 @@ class UncertainStates:
     ) -> FloatArray:
         """Return the gradient (k, d) of a function of the states by unit normals.
 
-        Args:
-            by_aircraft: Its gradient by the aircraft state (k, 6).
-            by_radar: Its gradient by the radar states (k, 7m).
-            radar: The radar states (k, 7m) of the gradient.
+        The function has a gradient by the aircraft (k, 6), and one by radar states (k, 7m).
         """
         first = len(AIRCRAFT)
         last = first + len(self.columns)
@@ -286,12 +281,7 @@ class UncertainStates:
 
 
 def in_sight(model: NetworkModel, sight: NDArray[np.int8]) -> tuple[list[int], NetworkModel]:
-    """Return the radars that may see the aircraft, one at least, and the network of them.
-
-    Args:
-        model: The network of m radars.
-        sight: Whether each sees the aircraft (m,), see `Radar.sight`.
-    """
+    """Return which radars may see the aircraft, by the `Radar.sight` of each, and their network."""
     numbers = np.flatnonzero(sight != NEVER).tolist()
     radars = [model.radars[i] for i in numbers]
     of_each = zip(radars, sight[numbers], strict=True)
@@ -348,20 +338,10 @@ def uncertain_states(
     cov_aircraft: ArrayLike,
     cov_radar: ArrayLike,
 ) -> tuple[tuple[int, ...], UncertainStates]:
-    """Broadcast states and covariances against each other, with all poses along one axis.
+    """Return the shape (...) of all poses, and their states along one axis, checked.
 
-    Args:
-        model: The detection model, of a radar or of a network of m.
-        aircraft: Nominal aircraft states (..., 6).
-        radar: Nominal radar states (..., 4m), or (..., 7m).
-        cov_aircraft: C_aa (..., 6, 6).
-        cov_radar: C_rr (..., 4m, 4m), or (..., 7m, 7m).
-
-    Returns:
-        The shape (...) of all poses, and the states.
-
-    Raises:
-        ValueError: If a shape does not fit, a state is not finite, or a matrix is not a covariance.
+    States (..., n) and covariances (..., n, n) broadcast against each other. Radar states have 4m
+    or 7m components.
     """
     model = as_network(model)
     m = len(model.radars)

@@ -83,12 +83,6 @@ def resolve(
     """Return a scenario with poses added to compare P_D and its bound with a limit.
 
     Without a flight, or where the user has chosen all poses, it is returned unchanged.
-
-    Args:
-        scenario: The scenario.
-        propagate: Returns the band of a scenario.
-        limit: The limit, which sets the tolerance.
-        band: Band of the scenario; computed if None.
     """
     band = band or propagate(scenario)
     if not scenario.geometry.continuous:
@@ -114,12 +108,6 @@ def refined(
     tolerance of straight lines. Second differences estimate the distance. Two standard errors of a
     bound are no bend. Poses that would be `MAX_POSES` in all are not computed, and P_D is not
     resolved.
-
-    Args:
-        scenario: The scenario of a flight.
-        band: Band of P_D at the poses of the scenario.
-        propagate: Returns the band of a scenario.
-        tolerance: Largest distance of P_D and its bound from straight lines.
     """
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
     order = -1 if given[0] > given[-1] else 1

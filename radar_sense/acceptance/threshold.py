@@ -146,17 +146,10 @@ def decide(
     first: Estimate | None = None,
     rows: NDArray[np.intp] | None = None,
 ) -> Decision:
-    """Return what draws say of P(P_D > p_max) ≤ 1 − Φ(k) at each pose of a path.
+    """Return what draws say of P(P_D > p_max) ≤ 1 − Φ(k) at each pose of a path, or at some rows.
 
     The chance of a false decision counts every look that there may be at a pose. It is therefore
-    the same where the first looks are skipped.
-
-    Args:
-        scenario: The scenario, at its level and with its seed.
-        p_max: The limit of P_D.
-        k: k of the bound.
-        first: What draws say that are made already; None for a first look.
-        rows: Poses of which something is to be said; None for all.
+    the same where the first looks are skipped, because their draws are given.
     """
     tail, poses = float(ndtr(-k)), len(scenario.aircraft)
     wanted = math.ceil(math.log(CHANCE) / math.log1p(-tail))
@@ -203,13 +196,7 @@ class PathTest:
 def path_test(scenario: Scenario, method: str, p_max: float, k: float, band: Band) -> PathTest:
     """Test P_D + kσ ≤ P_max at every pose of a scenario, and on a path also between the poses.
 
-    Args:
-        scenario: The scenario, at its level.
-        method: The method of the bound.
-        p_max: P_max, greater than 0 and at most 1.
-        k: k, greater than 0.
-        band: Band of the scenario by the method, with bounds at Φ(k), and with p_max so that no
-            draws are made twice.
+    The band is by the method, with bounds at Φ(k), and with p_max so that no draws are made twice.
     """
 
     def propagate(path_scenario: Scenario) -> Band:

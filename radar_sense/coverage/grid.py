@@ -88,10 +88,6 @@ def grid(
         east_km: West and east end [km]. None is as for `north_km`.
         step_km: Distance of the cells [km]. None takes a 500th of the longer side.
         leaves: Whether a contour goes through some cells, which are two sides of the map.
-
-    Raises:
-        InputError: If the ends are not in order, a number is out of range or there are too many
-            cells.
     """
     radars = scenario.radar_states[:, :DOWN]
     centre = radars.mean(axis=0)
@@ -161,22 +157,9 @@ def p_d_in_cells(
 ) -> tuple[Plane, Plane | None]:
     """Return P_D in each cell, and its upper bound at Φ(β) if a method of propagation is given.
 
-    The first pose gives roll, pitch and the covariance of the aircraft. The first pose also
-    gives height and course if these are left out.
-
-    Args:
-        scenario: The scenario.
-        cells: The cells.
-        down: Down coordinate [m]. For a route in latitude and longitude, `down` is minus the height
-            above the origin. Every cell then has the same height above the ellipsoid.
-        course: Yaw [rad].
-        method: Method of propagation of the bound; None for no bound.
-        beta: β of the bound.
-        workers: Threads to compute with; the result does not depend on their number.
-
-    Returns:
-        P_D and bound (rows, columns) in single precision. NaN where the aircraft is at a radar,
-        and where the method does not converge.
+    The first pose gives roll, pitch and the covariance of the aircraft. It also gives `down` [m]
+    and course [rad] if these are left out, see `pose_in_cells`. Both planes are NaN where the
+    aircraft is at a radar, the bound also where the method does not converge.
     """
     pose = pose_in_cells(scenario, down, course)
 
@@ -204,12 +187,6 @@ def worst_p_d_in_cells(
 
     Every lobe of the RCS has `PER_LOBE` sampled headings. A golden section finds the maximum on the
     best lobe. The search can miss another lobe that is hardly higher, see `PER_LOBE`.
-
-    Args:
-        scenario: The scenario.
-        cells: The cells.
-        down: As in `p_d_in_cells`.
-        workers: Threads to compute with; the result does not depend on their number.
     """
     pose = pose_in_cells(scenario, down, None)
     detail = min(model.rcs.detail for model in scenario.model.models)
@@ -353,16 +330,8 @@ def put_at_height(
     """Change states (..., 6) in place to one height above the ellipsoid and local attitudes.
 
     Newton's method finds the down coordinate. The derivative of height by down is minus the cosine
-    of the angle between the vertical lines of cell and origin.
-
-    Args:
-        aircraft: The states.
-        origin: The origin of their frame.
-        aspect: Azimuth (...) [rad] of the origin from the nose, in the level plane at the aircraft,
-            in place of the yaw of the states; None keeps the yaw.
-
-    Raises:
-        InputError: If the down line of a cell does not meet the earth.
+    of the angle between the vertical lines of cell and origin. An azimuth (...) [rad] of the origin
+    from the nose, in the level plane at the aircraft, takes the place of the yaw of the states.
     """
     height = origin[2] - aircraft[..., DOWN]
     for _ in range(_ROUNDS):

@@ -76,13 +76,9 @@ class RangeAt:
 
 
 def detection_ranges(seen: Survey, values: list[float], method: str, k: float) -> list[RangeAt]:
-    """Return the detection range for each P_D, with σ and band.
+    """Return the detection range for each P_D, with σ, and a band of kσ by a method.
 
-    Args:
-        seen: P_D along the rays.
-        values: The values of P_D.
-        method: Method of the band. By linear, σ is σ of P_D divided by the slope of P_D.
-        k: Number of σ of the band.
+    By linear, σ is σ of P_D divided by the slope of P_D.
     """
     around = seen.all_rays
     ranges = []
@@ -172,16 +168,9 @@ def _by_draws(
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return how far (n,) the quantile of P_D at Φ(β) by draws reaches a value, within the limits.
 
-    Few draws search the distance. More draws correct it until its standard error is `PRECISION`.
-
-    Args:
-        seen: P_D along the rays.
-        guess: Distances near by (n,) [m]; NaN where none is known.
-        value: Value of P_D.
-        beta: β.
-
-    Returns:
-        The distances (n,) [m], and where (n,) even the most draws are not precise.
+    Few draws search the distance, from a guess (n,) that is NaN where none is known. More draws
+    correct it until its standard error is `PRECISION`. Also returned is where (n,) even the most
+    draws are not precise.
     """
     upper, limit = int(beta > 0), np.full(len(guess), FARTHEST)
 

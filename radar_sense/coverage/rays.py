@@ -143,16 +143,11 @@ def rays(
     down: float | None,
     course: float | None,
 ) -> Rays:
-    """Return the rays of a scenario of one radar.
+    """Return the rays of a scenario of one radar at bearings (n,) [rad], clockwise from north.
 
-    Args:
-        scenario: The scenario. Height and attitude of the aircraft are taken from the first pose.
-            With `by_aspect` the bearing is, too.
-        angle: Bearing (n,) [rad], clockwise from north. With `by_aspect` the bearing of the radar
-            from the heading, in the level plane at the aircraft.
-        by_aspect: Whether the aircraft turns at the first pose's bearing.
-        down: Down coordinate [m]; the first pose's if None.
-        course: Yaw [rad]; the first pose's if None.
+    With `by_aspect` the angles are bearings of the radar from the heading, in the level plane at
+    the aircraft, which turns at the first pose's bearing. The first pose gives height and attitude,
+    unless `down` [m] or course [rad] is given.
     """
     pose = pose_in_cells(scenario, down, course)
     (radar,) = scenario.radars
@@ -246,16 +241,8 @@ def bounds_of_reach(seen: Survey, value: float, method: str, beta: float) -> lis
     falls with distance, the random distance exceeds r if P_D at r exceeds the value. The quantiles
     of the distance are therefore the distances at which the quantiles of P_D have the value.
 
-    The bounds by `probit` cost little, and start the search for the bounds by the method.
-
-    Args:
-        seen: P_D along the rays.
-        value: Value of P_D.
-        method: Method of propagation.
-        beta: β.
-
-    Returns:
-        Two arrays (n,) [m]: 0 where a bound is nowhere as high, NaN where the method has no value.
+    The bounds by `probit` cost little, and start the search for the bounds by the method. The
+    distances (n,) are 0 where a bound is nowhere as high, NaN where the method has no value.
     """
 
     def reach(end: float) -> FloatArray:
@@ -292,6 +279,8 @@ def reach_of_bound(
 ) -> FloatArray:
     """Return how far (n,) a bound of P_D reaches a value, up to a limit.
 
+    The distance is 0 where the bound is nowhere as high, and NaN where it is not known.
+
     Args:
         seen: P_D along the rays.
         guess: Where the bound may reach the value (n,) [m].
@@ -299,9 +288,6 @@ def reach_of_bound(
         limit: Largest distance (n,) [m]; 0 for a ray without any.
         bound: From j rays and distances (j,) to the bound of P_D (j,).
         tolerance: |z| of the bound less z of the value that is near enough.
-
-    Returns:
-        Distances (n,) [m]: 0 where the bound is nowhere as high, NaN where it is not known.
     """
     from scipy.optimize.elementwise import find_root  # slow to import
 

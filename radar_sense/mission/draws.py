@@ -26,8 +26,7 @@ class MissionDraws:
     Attributes:
         runs: Number of runs.
         seed: Seed of the draws.
-        events: Statistics by each time (K,) of detection, and of a track if m and n are given. The
-            quantiles are at Φ(−3) and Φ(3).
+        events: Statistics by each time (K,) of detection, and of a track if m and n are given.
         clipped: Number of runs in which a radar constant was drawn below zero and set to zero.
     """
 
@@ -46,11 +45,8 @@ def draw_missions(
 ) -> MissionDraws:
     """Draw whole missions, as many as the runs of the scenario, and return their statistics.
 
-    Args:
-        looks: The looks.
-        m_of_n: m and n of a track; None for detection alone.
-        k: Number of σ of the quantiles.
-        workers: Threads to compute with; the result does not depend on their number.
+    Tracks are m detections of n looks. The quantiles are at Φ(−k) and Φ(k). The result does not
+    depend on the number of workers.
     """
     scenario, times, tail = looks.scenario, len(looks.schedule.time), float(ndtr(-k))
     states, runs = scenario.states(), scenario.runs

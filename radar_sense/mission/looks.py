@@ -44,12 +44,7 @@ class Looks:
 
     @classmethod
     def of(cls, scenario: Scenario) -> Looks:
-        """Make the looks along the path of a scenario.
-
-        Raises:
-            InputError: If the geometry has no times, or a radar has no scan period. Also if the
-                aircraft is on top of a radar at a look.
-        """
+        """Make the looks along the path of a scenario."""
         flight = scenario.geometry
         if not isinstance(flight, Path):
             raise InputError(
@@ -85,12 +80,9 @@ class Looks:
         )
 
     def p_d(self, radar: int, poses: FloatArray, states: FloatArray) -> FloatArray:
-        """Return P_D (L, paths * draws) of the L looks of a radar.
+        """Return P_D (L, paths * draws) of the L looks of a radar, 0 to m − 1.
 
-        Args:
-            radar: The radar, 0 to m − 1.
-            poses: Aircraft states (K, paths, 6).
-            states: States of the radar (paths, draws, 7).
+        Aircraft states are (K, paths, 6), those of the radar (paths, draws, 7).
         """
         station = self.scenario.radars[radar]
         # the memory order of the states, component first

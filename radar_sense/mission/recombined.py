@@ -104,13 +104,8 @@ def recombined_missions(
     """Return the probability of detection, and of a track, by each time.
 
     The first entry is the network's. The entries of its single radars follow. A scenario of one
-    radar has one entry.
-
-    Args:
-        looks: The looks.
-        m_of_n: m and n of a track; None for detection alone.
-        k: Number of σ of the bounds, at most 3: the draws reach no farther.
-        workers: Threads to compute with. The result does not depend on their number.
+    radar has one entry. Tracks are m detections of n looks. Bounds are at kσ, with k at most 3: the
+    draws reach no farther. The result does not depend on the number of workers.
     """
     p_d, plan = looks.nominal_p_d(), _Plan.of(looks, m_of_n, _ranks(k))
     plan.foresee(workers)
@@ -187,11 +182,7 @@ class _Plan:
         return cls(looks, m_of_n, states, screening, work, paths, draws, ranks)
 
     def foresee(self, workers: int) -> None:
-        """Say what the replicates take if that is much.
-
-        Raises:
-            InputError: If it is too much.
-        """
+        """Say what the replicates take if that is much, and refuse it if it is too much."""
         looks, draws = sum(map(len, self.looks.times)), self.paths * self.draws
         evaluations = REPLICATES * draws * looks * self.work
         # P_D and tracks of all draws and of all combinations
@@ -249,10 +240,7 @@ class _Plan:
     ) -> list[list[FloatArray]]:
         """Return P_D (L, n) of each scan group, and the probability of a track by each.
 
-        Args:
-            p_d: P_D of each radar (L, draws).
-            tracks: The probability of a track by each radar alone (L, draws), if wanted.
-            picks: The draws of each radar that are combined (n,).
+        P_D and tracks of each radar alone are (L, draws). The picks (n,) are combined.
         """
         radars = self.looks.schedule.radars
         groups = fuse(radars, [p[:, pick] for p, pick in zip(p_d, picks, strict=True)])
@@ -284,16 +272,10 @@ def widened_normals(
 def choose(
     generator: np.random.Generator, value: FloatArray, weight: FloatArray, draws: int
 ) -> tuple[NDArray[np.intp], FloatArray]:
-    """Choose draws from candidates, more of them in the tails.
+    """Choose draws from candidates that are ranked by a value, more of them in the tails.
 
-    Args:
-        generator: Makes the random choices.
-        value: The value that candidates are ranked by (candidates,).
-        weight: Weights of the candidates (candidates,), see `widened_normals`.
-        draws: Number of draws.
-
-    Returns:
-        The places of the chosen candidates (draws,), in a random order, and their weights (draws,).
+    The weights of the candidates are those of `widened_normals`. Returned are the places of the
+    chosen candidates (draws,), in a random order, and their weights (draws,).
     """
     order, share, rank = np.argsort(value), weight / weight.sum(), np.empty(len(value))
     rank[order] = np.cumsum(share[order]) - 0.5 * share[order]
@@ -322,14 +304,8 @@ def combine(
     mixture of all emphases (the balance heuristic: E. Veach and L. J. Guibas, "Optimally combining
     sampling techniques for Monte Carlo rendering", SIGGRAPH 1995).
 
-    Args:
-        generator: Makes the random choices.
-        weights: Weights (paths * draws,) of each radar.
-        shape: Paths, and draws of each radar for one path.
-        combinations: Combinations for each path.
-
-    Returns:
-        For each radar the places of its draws, and the weights, both (paths * combinations,).
+    The draws have the shape (paths, draws), and each radar has weights (paths * draws,) of them.
+    Returned are the places of the draws of each radar, and weights, both (paths * combinations,).
     """
     (paths, draws), radars = shape, len(weights)
     emphasis = generator.integers(radars, size=(paths, combinations))
@@ -360,12 +336,8 @@ def _statistics(
 ) -> list[_Weighted]:
     """Return statistics of detection, and of a track, by each time.
 
-    Args:
-        schedule: The looks at K times.
-        by_event: P_D (L, n) of each scan group, and the probability of a track by each.
-        seen: Times at which a radar may see the aircraft. P changes at no other times.
-        weight: Weights of the draws (n,).
-        ranks: Ranks of the quantiles (q,).
+    `by_event` has P_D (L, n) of each scan group, and the probability of a track by each. P changes
+    at no other times than those `seen`, at which a radar may see the aircraft.
     """
     times, share = np.union1d([0], seen), weight / weight.sum()
     latest = np.searchsorted(times, np.arange(len(schedule.time)), side="right") - 1
@@ -390,12 +362,8 @@ def _ranks(k: float) -> FloatArray:
 def upper_tails(values: FloatArray, share: FloatArray, ranks: FloatArray) -> FloatArray:
     """Return the quantiles (K, q) at 1 − ranks (q,) of values (K, n), which grow with k.
 
-    The draws in the tail at one time are above the least draw of the tail at the time before.
-
-    Args:
-        values: Values (K, n) of n draws.
-        share: Share of each draw in the distribution (n,).
-        ranks: Ascending ranks.
+    The draws in the tail at one time are above the least draw of the tail at the time before. Each
+    draw has a share (n,) in the distribution.
     """
     quantiles, least = np.empty((len(values), len(ranks))), -np.inf
     for k, row in enumerate(values):
@@ -433,11 +401,8 @@ def _pooled(ranks: FloatArray, nominal: FloatArray, *replicates: _Weighted) -> C
 def pooled_quantiles(tails: FloatArray, ranks: FloatArray) -> FloatArray:
     """Return the quantiles (K,) at the middle rank of the draws of all replicates together.
 
-    The mean of the replicates' quantiles would have the bias of a quantile of few draws.
-
-    Args:
-        tails: Quantiles at the ranks of each replicate (r, K, q).
-        ranks: The ranks (q,).
+    They follow from the quantiles of each replicate (r, K, q). The mean of these would have the
+    bias of a quantile of few draws.
     """
     changed = np.append(True, np.any(tails[:, 1:] != tails[:, :-1], axis=(0, 2)))
     quantiles = []

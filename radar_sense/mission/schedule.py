@@ -54,15 +54,7 @@ class Schedule:
 
 
 def schedule_looks(model: NetworkModel, time_s: FloatArray) -> Schedule:
-    """Return the looks of the radars of a model along a path.
-
-    Args:
-        model: The radars, with their scan periods.
-        time_s: Times of the poses of the path (n,) [s], of which the first and last count.
-
-    Raises:
-        InputError: If a radar has no scan period, or one is not possible.
-    """
+    """Return the looks of radars along a path, from its first time [s] to its last."""
     period_by_radar = {radar.name: radar.scan_period for radar in model.radars}
     missing = [repr(name) for name, value in period_by_radar.items() if value is None]
     if missing:

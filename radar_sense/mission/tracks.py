@@ -39,10 +39,7 @@ def detection_by_time(
 ) -> FloatArray:
     """Return the probability (T, n) of a detection by some times, with no possible one between.
 
-    Args:
-        schedule: The looks at K times.
-        p_d: P_D of each scan group (L, n).
-        times: The times, 0 to K − 1 (T,), increasing.
+    P_D is that of each scan group (L, n). The times, 0 to K − 1 (T,), increase.
     """
     p_c = p_d_by_time(schedule, p_d, times)
     for before, now in pairwise(p_c):
@@ -73,12 +70,9 @@ def track_by_time(
 def event_probabilities(
     schedule: Schedule, p_d: Sequence[FloatArray], window: tuple[int, int] | None
 ) -> list[FloatArray]:
-    """Return the probability by each time (K, n) of a detection, and of a track.
+    """Return the probability by each time (K, n) of a detection, and of a track of m of n looks.
 
-    Args:
-        schedule: The looks at K times.
-        p_d: P_D of each radar (L, n).
-        window: m and n of a track; None for detection alone.
+    P_D is that of each radar (L, n).
     """
     groups, times = fuse(schedule.radars, p_d), np.arange(len(schedule.time))
     events = [detection_by_time(schedule, groups, times)]
@@ -124,12 +118,10 @@ def _chain(p_d: FloatArray, detections: NDArray[np.intp], m: int, n: int, p: Flo
 
 
 def _advanced(weight: FloatArray, hit: FloatArray, one_short: NDArray[np.intp]) -> FloatArray:
-    """Return the probability of each history (states, n) one look later, without success.
+    """Return the probability of each history (states, n) one look of P_D (n,) later, unsuccessful.
 
-    Args:
-        weight: The probability of each history, which is overwritten.
-        hit: P_D of the look (n,).
-        one_short: The histories that a detection makes a success.
+    The probabilities before are overwritten. `one_short` are the histories that a detection makes a
+    success.
     """
     half, later = len(weight) // 2, np.empty_like(weight)
     if not half:  # m = n = 1: any detection is success

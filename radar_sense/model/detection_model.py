@@ -65,14 +65,11 @@ class Linearization:
         return f"<Linearization of P_D at {self.p_d.size} poses: p_d, jac_aircraft, jac_radar>"
 
     def std(self, cov_aircraft: ArrayLike, cov_radar: ArrayLike) -> FloatArray:
-        """Return the standard deviation of P_D to first order, eq. (35) of the paper.
+        """Return the standard deviation σ_pd (...) of P_D to first order, eq. (35) of the paper.
 
         Args:
             cov_aircraft: C_aa (..., 6, 6), in metres and radians.
             cov_radar: C_rr (..., 4, 4), or (..., 4m, 4m), in metres and J m²/K.
-
-        Returns:
-            σ_pd (...).
 
         Raises:
             ValueError: If a covariance has another shape, or is not finite, symmetric and positive
@@ -93,6 +90,7 @@ class DetectionModel:
     the RCS, see `rcs`, multiplies σ_r by 10^(s ε/10), the error of ln α multiplies the attenuation
     α by its exponential, and the error of the tilt [rad] adds to the tilt of the antenna. The two
     states broadcast against each other. All results are NaN where aircraft and radar coincide.
+    ValueError is raised if a shape does not fit, a state is not finite or c_r is negative.
 
     Attributes:
         rcs: Radar cross section by aspect.
@@ -123,32 +121,17 @@ class DetectionModel:
         return getattr(self.rcs, "spread", None) is not None
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Return the signal-to-noise ratio (...) at each pose, a ratio of powers.
-
-        Raises:
-            ValueError: If a shape does not fit, a state is not finite or a radar constant is
-                negative.
-        """
+        """Return the signal-to-noise ratio (...) at each pose, a ratio of powers."""
         aircraft, radar = checked_states(aircraft, radar)
         return self.unchecked_snr(aircraft, radar)
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Return P_D (...) at each pose.
-
-        Raises:
-            ValueError: If a shape does not fit, a state is not finite or a radar constant is
-                negative.
-        """
+        """Return P_D (...) at each pose."""
         aircraft, radar = checked_states(aircraft, radar)
         return self.unchecked_p_d(aircraft, radar)
 
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
-        """Return P_D and its partials by all ten states.
-
-        Raises:
-            ValueError: If a shape does not fit, a state is not finite or a radar constant is
-                negative.
-        """
+        """Return P_D and its partials by all ten states."""
         aircraft, radar = checked_states(aircraft, radar)
         chain = partial(self._chain, partial(linearize, self.detector))
         return Linearization(*_in_blocks(chain, aircraft, radar))
@@ -156,14 +139,9 @@ class DetectionModel:
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the probit z = Φ⁻¹(P_D), which is far closer to linear in the states than P_D.
+        """Return the probit z = Φ⁻¹(P_D) (...), and its partials by both states.
 
-        Returns:
-            z (...), its partials by the aircraft state (..., 6) and by the radar state (..., 4).
-
-        Raises:
-            ValueError: If a shape does not fit, a state is not finite or a radar constant is
-                negative.
+        z is far closer to linear in the states than P_D.
         """
         aircraft, radar = checked_states(aircraft, radar)
         return self.unchecked_probit(aircraft, radar)
@@ -284,15 +262,9 @@ def _in_blocks(
     aircraft: FloatArray,
     radar: FloatArray,
 ) -> tuple[FloatArray, ...]:
-    """Return the arrays that a function computes from states, block after block of poses.
+    """Return the arrays (..., *tail) that a function computes from states, block after block.
 
-    Args:
-        function: From aircraft (..., 6) and radar (..., 4) to arrays (..., *tail).
-        aircraft: (..., 6).
-        radar: (..., 4).
-
-    Returns:
-        The arrays (..., *tail), with each component contiguous in memory.
+    Each component of an array is contiguous in memory.
     """
     shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
     aircraft, radar = (

@@ -181,11 +181,7 @@ class PulseDetector:
         return _table(self, p_fa).linearize_probit(snr)
 
     def tails(self, p_fa: float) -> Tails:
-        """Return the exact tails of P_D.
-
-        Raises:
-            InputError: If P_fa needs a threshold more than 30 dB above noise.
-        """
+        """Return the exact tails of P_D; a threshold more than 30 dB above noise is refused."""
         if self.binary is not None:
             m, n = self.binary.m, self.binary.n
             return MOfN.of(m, n, p_fa, self._look)
@@ -263,11 +259,7 @@ def linearize(detector: Detector, snr: FloatArray, p_fa: float) -> tuple[FloatAr
 
 
 def required_snr(detector: Detector, p_fa: float, p_d: float) -> float:
-    """Return the signal-to-noise ratio at which a detector has a P_D, 0 if P_D is not above P_fa.
-
-    Raises:
-        InputError: If P_D is not a probability between 0 and 1.
-    """
+    """Return the signal-to-noise ratio at which a detector has a P_D; 0 if P_D is at most P_fa."""
     check_number("p_d", p_d, Limit(above=0, below=1))
     target, low, high = float(ndtri(p_d)), math.log(1e-12), math.log(1e30)
     if detector.linearize_probit(np.asarray(math.exp(low)), p_fa)[0] >= target:

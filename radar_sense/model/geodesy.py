@@ -13,6 +13,10 @@ therefore be turned into NED.
 Sources: the ellipsoid is from NIMA TR8350.2 (*Department of Defense World Geodetic System 1984*,
 third edition, 2000), table 3.1. The transformations are from B. Hofmann-Wellenhof, H. Lichtenegger
 and E. Wasle, *GNSS*, 2008, ch. 8, unless another source is given.
+
+Positions are (..., 3): `geodetic`, `ecef` or `ned` as above. An `origin` is geodetic, (3,).
+Attitudes are ZYX Euler angles (..., 3) [rad]: roll, pitch, yaw. Those returned have roll and yaw
+from −π to π, and pitch from −π/2 to π/2.
 """
 
 from __future__ import annotations
@@ -47,14 +51,7 @@ def is_place(geodetic: object) -> bool:
 
 
 def ecef_from_geodetic(geodetic: ArrayLike) -> FloatArray:
-    """Return the ECEF position of latitude, longitude [rad] and height above the ellipsoid [m].
-
-    Args:
-        geodetic: (..., 3).
-
-    Returns:
-        (..., 3) [m].
-    """
+    """Return the ECEF position of a geodetic position."""
     geodetic = np.asarray(geodetic, dtype=float)
     latitude, longitude, height = (geodetic[..., i] for i in range(3))
     sin, cos = np.sin(latitude), np.cos(latitude)
@@ -71,7 +68,10 @@ def ecef_from_geodetic(geodetic: ArrayLike) -> FloatArray:
 
 
 def geodetic_from_ecef(ecef: ArrayLike) -> FloatArray:
-    """Return latitude, longitude [rad] and height [m] of an ECEF position.
+    """Return the geodetic position of an ECEF position, the longitude from −π to π.
+
+    The position is not within some 100 km of the centre of the earth. The longitude is 0 on the
+    axis of the earth.
 
     B. R. Bowring, "Transformation from spatial to geographical coordinates", Survey Review 23(181),
     1976: with β the reduced latitude, tan β = (1 − f) tan φ,
@@ -81,12 +81,6 @@ def geodetic_from_ecef(ecef: ArrayLike) -> FloatArray:
     The code uses sines and cosines, because tangents are infinite at the poles. The height
     h = p cos φ + z sin φ − a √(1 − e² sin²φ) loses no digits at any latitude (Bowring, "The
     accuracy of geodetic latitude and height equations", Survey Review 28(218), 1985).
-
-    Args:
-        ecef: (..., 3) [m], not within some 100 km of the centre of the earth.
-
-    Returns:
-        (..., 3), the longitude from −π to π; it is 0 on the axis of the earth.
     """
     ecef = np.asarray(ecef, dtype=float)
     x, y, z = (ecef[..., i] for i in range(3))
@@ -95,14 +89,7 @@ def geodetic_from_ecef(ecef: ArrayLike) -> FloatArray:
 
 
 def ned_axes(geodetic: ArrayLike) -> FloatArray:
-    """Return the matrix from ECEF to NED, with north, east and down of a place as rows.
-
-    Args:
-        geodetic: (..., 3), of which latitude and longitude [rad] are used.
-
-    Returns:
-        (..., 3, 3).
-    """
+    """Return the matrix (..., 3, 3) from ECEF to NED, with north, east and down as rows."""
     geodetic = np.asarray(geodetic, dtype=float)
     sin, cos = np.sin(geodetic[..., 0]), np.cos(geodetic[..., 0])
     sin_lon, cos_lon = np.sin(geodetic[..., 1]), np.cos(geodetic[..., 1])
@@ -115,45 +102,22 @@ def ned_axes(geodetic: ArrayLike) -> FloatArray:
 
 
 def ned_from_geodetic(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
-    """Return the position in the north-east-down frame of an origin.
-
-    Args:
-        geodetic: (..., 3), latitude, longitude [rad], height above the ellipsoid [m].
-        origin: (3,), latitude, longitude [rad], height above the ellipsoid [m].
-
-    Returns:
-        (..., 3) [m].
-    """
+    """Return the position in the north-east-down frame of an origin."""
     line = ecef_from_geodetic(geodetic) - ecef_from_geodetic(origin)
     return line @ ned_axes(origin).T
 
 
 def geodetic_from_ned(ned: ArrayLike, origin: ArrayLike) -> FloatArray:
-    """Return latitude, longitude [rad] and height [m] of a north-east-down position.
-
-    Args:
-        ned: (..., 3) [m].
-        origin: (3,), latitude, longitude [rad], height above the ellipsoid [m].
-
-    Returns:
-        (..., 3), the longitude from −π to π.
-    """
+    """Return the geodetic position of a north-east-down position, the longitude from −π to π."""
     return geodetic_from_ecef(
         np.asarray(ned, dtype=float) @ ned_axes(origin) + ecef_from_geodetic(origin)
     )
 
 
 def height_from_ned(ned: FloatArray, origin: ArrayLike) -> FloatArray:
-    """Return the height above the ellipsoid of positions in the north-east-down frame of an origin.
+    """Return the height above the ellipsoid (...) [m] of positions (..., 3 or more).
 
     The result is the third component of `geodetic_from_ned`, without the cost of angles.
-
-    Args:
-        ned: (..., 3 or more) [m]; further components are ignored.
-        origin: (3,), latitude, longitude [rad], height above the ellipsoid [m].
-
-    Returns:
-        (...) [m].
     """
     north, east, down = (ned[..., i] for i in range(3))
     latitude, _, height = np.asarray(origin, dtype=float)
@@ -167,51 +131,31 @@ def height_from_ned(ned: FloatArray, origin: ArrayLike) -> FloatArray:
 
 
 def turn_to_origin(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
-    """Return the matrix M from the north-east-down frame of a place to the frame of an origin.
+    """Return the matrix M (..., 3, 3) from the frame of a place to the frame of an origin.
 
     The columns of M are north, east and down of the place in the frame of the origin.
-
-    Args:
-        geodetic: (..., 3), the places; latitude and longitude [rad] are used.
-        origin: (3,), latitude, longitude [rad], height above the ellipsoid [m].
-
-    Returns:
-        (..., 3, 3).
     """
     turn: FloatArray = np.matmul(ned_axes(origin), np.swapaxes(ned_axes(geodetic), -1, -2))
     return turn
 
 
 def turned_attitude(attitude: ArrayLike, turn: FloatArray) -> FloatArray:
-    """Return roll, pitch and yaw relative to a new north-east-down frame.
+    """Return an attitude relative to a new north-east-down frame.
 
-    The matrix from the new frame to body is the matrix from the old frame to body times M⁻¹ = Mᵀ.
-    The angles of the product are exact.
-
-    Args:
-        attitude: ZYX Euler angles (..., 3) [rad] relative to the old frame.
-        turn: M (..., 3, 3), from the old frame to the new one.
-
-    Returns:
-        (..., 3) [rad], roll and yaw from −π to π, pitch from −π/2 to π/2.
+    The matrix from the new frame to body is the matrix from the old frame to body times M⁻¹ = Mᵀ,
+    with the turn M (..., 3, 3) from the old frame to the new one. The angles of the product are
+    exact.
     """
     return euler_angles(np.matmul(body_axes(attitude), np.swapaxes(turn, -1, -2)))
 
 
 def turned_attitude_jacobian(attitude: FloatArray, turned: FloatArray) -> FloatArray:
-    """Return the partials of the turned attitude by the given attitude.
+    """Return the partials (..., 3, 3) of a turned attitude, whose pitch is not ±π/2, by the given.
 
     A small change δ of roll, pitch and yaw turns the body by ω = B(roll, pitch) δ, in body
     components. B is the inverse of the matrix in the kinematics of the Euler angles (Beard and
     McLain, *Small Unmanned Aircraft*, 2012, ch. 3). ω is the same for both frames:
     B(turned) d(turned) = B(attitude) d(attitude).
-
-    Args:
-        attitude: ZYX Euler angles (..., 3) [rad] relative to the old frame.
-        turned: The attitude relative to the new frame (..., 3) [rad], with a pitch other than ±π/2.
-
-    Returns:
-        (..., 3, 3).
     """
     roll, pitch = turned[..., 0], turned[..., 1]
     sin, cos, tan = np.sin(roll), np.cos(roll), np.tan(pitch)
@@ -228,13 +172,9 @@ def turned_attitude_jacobian(attitude: FloatArray, turned: FloatArray) -> FloatA
 
 
 def body_axes(attitude: ArrayLike) -> FloatArray:
-    """Return the matrix R_n^b, with nose, right wing and bottom as rows.
+    """Return the matrix R_n^b (..., 3, 3), with nose, right wing and bottom as rows.
 
-    Args:
-        attitude: ZYX Euler angles (..., 3): roll, pitch, yaw [rad].
-
-    Returns:
-        (..., 3, 3), the transpose of the matrix printed as eq. (12) of the paper.
+    It is the transpose of the matrix printed as eq. (12) of the paper.
     """
     attitude = np.asarray(attitude, dtype=float)
     (sr, sp, sy), (cr, cp, cy) = (
@@ -249,16 +189,10 @@ def body_axes(attitude: ArrayLike) -> FloatArray:
 
 
 def euler_angles(axes: FloatArray) -> FloatArray:
-    """Return roll, pitch and yaw of a matrix R_n^b, the inverse of `body_axes`.
+    """Return the attitude of a matrix R_n^b (..., 3, 3), the inverse of `body_axes`.
 
     The roll is computed after a turn back by the yaw. The three angles are consistent even near a
     pitch of ±π/2, where only the sum or the difference of yaw and roll is defined.
-
-    Args:
-        axes: (..., 3, 3).
-
-    Returns:
-        (..., 3) [rad], roll and yaw from −π to π, pitch from −π/2 to π/2.
     """
     nose, wing, bottom = (axes[..., i, :] for i in range(3))
     yaw = np.arctan2(nose[..., 1], nose[..., 0])

@@ -88,14 +88,8 @@ class Attitude(NamedTuple):
         """Return the gradient by d and the Euler angles of a function f of ρ, by the chain rule.
 
         A turn of a pair (u, v) by α has the derivative d(u, v)/dα = (v, −u). With g the gradient by
-        the turned pair, ∂f/∂α = g_u v − g_v u, one component of a cross product.
-
-        Args:
-            body: ρ, the body-frame vector.
-            gradient: ∂f/∂ρ.
-
-        Returns:
-            ∂f/∂d with respect to the north-east-down vector, and ∂f/∂(roll, pitch, yaw).
+        the turned pair, ∂f/∂α = g_u v − g_v u, one component of a cross product. `body` is ρ, and
+        `gradient` ∂f/∂ρ.
         """
         (x, y, z), (gx, gy, gz) = body, gradient
         roll = gy * z - gz * y
@@ -132,17 +126,7 @@ def radar_from_aircraft(aircraft: FloatArray, radar: FloatArray) -> Vector:
 
 
 def body_vector(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
-    """Return the position of the radar relative to the aircraft in the body frame.
-
-    Eq. (11) of the paper.
-
-    Args:
-        aircraft: (..., 6), metres and radians.
-        radar: (..., 4) with the position [m]; c_r is not used.
-
-    Returns:
-        (..., 3) [m] along nose, right wing and bottom.
-    """
+    """Return the vector (..., 3) [m] from aircraft to radar in the body frame, eq. (11)."""
     return join(Attitude.from_state(aircraft).to_body(radar_from_aircraft(aircraft, radar)))
 
 
@@ -161,19 +145,10 @@ def slant_range(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
 def orbit(
     azimuth: FloatArray, *, radius: float | FloatArray, down: float, azimuth_from: str = "east"
 ) -> FloatArray:
-    """Return positions on a level circle about the origin of the north-east-down frame.
+    """Return positions (..., 3) on a level circle about the origin of the north-east-down frame.
 
     The paper's [R sin θ_r, R cos θ_r, p_ad] measures θ_r from east, and R is the horizontal radius.
-    A compass measures azimuth from north.
-
-    Args:
-        azimuth: θ_r (...) [rad].
-        radius: Horizontal radius R [m], of all positions or of each (...).
-        down: Down coordinate p_ad [m].
-        azimuth_from: "east" or "north".
-
-    Returns:
-        (..., 3) [m].
+    A compass measures azimuth from north. The radius is that of all positions, or of each (...).
     """
     along, across = radius * np.cos(azimuth), radius * np.sin(azimuth)
     north, east = (across, along) if azimuth_from == "east" else (along, across)

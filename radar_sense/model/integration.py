@@ -101,11 +101,7 @@ class PulseSum:
 
     @classmethod
     def of(cls, pulses: int, shape: float, reference: float, p_fa: float) -> PulseSum:
-        """Return the sum with the threshold of a P_fa.
-
-        Raises:
-            InputError: If the threshold is more than 30 dB above noise.
-        """
+        """Return the sum with the threshold of a P_fa."""
         return cls(pulses, shape, reference, p_fa, _threshold(pulses, reference, p_fa))
 
     def tail(self, snr: FloatArray) -> Tail:
@@ -297,14 +293,7 @@ class MOfN:
 
     @classmethod
     def of(cls, m: int, n: int, p_fa: float, look: Callable[[float], Tails]) -> MOfN:
-        """Return the detection with looks whose P_fa makes the P_fa of m of n.
-
-        Args:
-            m: Looks that make a detection.
-            n: Looks.
-            p_fa: Probability of false alarm of m of n.
-            look: From the P_fa of a look to the look.
-        """
+        """Return the detection with looks, made from their P_fa, that make the P_fa of m of n."""
         return cls(m, n, look(float(betaincinv(m, n - m + 1, p_fa))))
 
     def tail(self, snr: FloatArray) -> Tail:

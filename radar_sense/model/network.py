@@ -87,32 +87,18 @@ class NetworkModel:
         return f"{count} radar{'s' if count > 1 else ''}{names}"
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
-        """Return which radars (..., m) see the aircraft.
-
-        Raises:
-            ValueError: If a shape does not fit.
-        """
+        """Return which radars (..., m) see the aircraft."""
         states = of_each(real_array("radar states", radar), len(self.radars))
         each = zip(self.radars, states, strict=True)
         return np.stack([single.visible(aircraft, state) for single, state in each], axis=-1)
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Return the signal-to-noise ratio at each radar (..., m), 0 where the aircraft is unseen.
-
-        Raises:
-            ValueError: If a shape does not fit, a state is not finite or a radar constant is
-                negative.
-        """
+        """Return the signal-to-noise ratio at each radar (..., m), 0 where it sees no aircraft."""
         aircraft, radar = checked_states(aircraft, radar, len(self.radars))
         return join(self._each(DetectionModel.unchecked_snr, aircraft, radar))
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Return the probability of detection by at least one radar (...).
-
-        Raises:
-            ValueError: If a shape does not fit, a state is not finite or a radar constant is
-                negative.
-        """
+        """Return the probability of detection by at least one radar (...)."""
         return self.unchecked_p_d(*checked_states(aircraft, radar, len(self.radars)))
 
     def unchecked_p_d(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
@@ -125,10 +111,6 @@ class NetworkModel:
 
         `jac_radar` has the shape of the radar states. P_D and its partials are 0 where no radar
         sees the aircraft.
-
-        Raises:
-            ValueError: If a shape does not fit, a state is not finite or a radar constant is
-                negative.
         """
         return self.unchecked_linearize(*checked_states(aircraft, radar, len(self.radars)))
 
@@ -143,14 +125,9 @@ class NetworkModel:
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the fused probit z = Φ⁻¹(P_D), minus infinity where no radar sees the aircraft.
+        """Return the fused probit z = Φ⁻¹(P_D) (...), and its partials by both states.
 
-        Returns:
-            z (...), its partials by the aircraft state (..., 6) and by the radar states.
-
-        Raises:
-            ValueError: If a shape does not fit, a state is not finite or a radar constant is
-                negative.
+        z is minus infinity where no radar sees the aircraft.
         """
         aircraft, radar = checked_states(aircraft, radar, len(self.radars))
         each = self._each_probit(DetectionModel.unchecked_probit, aircraft, radar)
@@ -215,11 +192,7 @@ class NetworkModel:
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
         """Return z_i (m, ...) of a function, and its partials by the aircraft and by each radar.
 
-        Args:
-            linearized: From a detection model and states to z and its partials.
-            aircraft: States of the aircraft.
-            radar: States of all radars.
-            visible: Radars (..., m) that see the aircraft; from the states if None.
+        The radars (..., m) that see the aircraft follow from the states where they are not given.
         """
         values, by_aircraft, by_radar = [], [], []
         for i, (single, state) in enumerate(

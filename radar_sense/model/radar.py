@@ -177,10 +177,7 @@ class Radar:
     ) -> NDArray[np.bool_]:
         """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4).
 
-        Args:
-            aircraft: States of the aircraft.
-            radar: States of the radar.
-            height: Heights (...) [m] of the aircraft for the horizon; computed if None.
+        The heights (...) [m] of the aircraft, for a horizon, are computed if they are not given.
         """
         aircraft, radar = np.asarray(aircraft, dtype=float), np.asarray(radar, dtype=float)
         if not self.limited:
@@ -208,16 +205,9 @@ class Radar:
         aircraft_error: FloatArray,
         radar_error: FloatArray,
     ) -> NDArray[np.int8]:
-        """Return whether (...) aircraft are in sight if positions are off by up to some distances.
+        """Return whether (...) aircraft are in sight, `NEVER`, `PERHAPS` or `ALWAYS`.
 
-        Args:
-            aircraft: States of the aircraft (..., 6).
-            radar: States of the radar (..., 4).
-            aircraft_error: How far the positions of the aircraft are off at most (...) [m].
-            radar_error: How far those of the radar are off at most (...) [m].
-
-        Returns:
-            `NEVER`, `PERHAPS` or `ALWAYS` (...).
+        The positions of the aircraft and of the radar are off by up to some distances (...) [m].
         """
         distance, error = slant_range(aircraft, radar), aircraft_error + radar_error
         near, far = distance - error, distance + error

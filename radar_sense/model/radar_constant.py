@@ -75,9 +75,6 @@ class Tolerance:
         The parameter is limited from below: to 0 where c_r is proportional to it, and to
         `LOWEST_DIVISOR` standard deviations where c_r is divided by it. A standard deviation above
         `MAX_DIVISOR_STD`, of a search for factors, has the limit of `MAX_DIVISOR_STD`.
-
-        Args:
-            normals: Unit normals (...).
         """
         if self.rectangular:
             normals = math.sqrt(3.0) * (2.0 * ndtr(normals) - 1.0)
@@ -124,12 +121,7 @@ class DataSheet:
     def tolerances(
         self, std: Mapping[str, float], rectangular: Collection[str] = ()
     ) -> tuple[Tolerance, ...]:
-        """Return the tolerances of parameters.
-
-        Args:
-            std: Their standard deviations by key.
-            rectangular: The keys of those that are rectangular.
-        """
+        """Return the tolerances of parameters, from standard deviations by key."""
         declared = tuple(
             Tolerance(
                 key,

@@ -210,15 +210,6 @@ def _check_losses(losses_db: Mapping[str, float]) -> None:
 
 
 def snr(constant: FloatArray, cross_section: FloatArray, range_squared: FloatArray) -> FloatArray:
-    """Signal-to-noise ratio S = c_r σ_r / (k R⁴), eq. (3) of the paper.
-
-    Args:
-        constant: Radar constant c_r (...) [J m²/K].
-        cross_section: σ_r (...) [m²].
-        range_squared: R² (...) [m²].
-
-    Returns:
-        (...), a ratio of powers.
-    """
+    """Return the signal-to-noise ratio S = c_r σ_r / (k R⁴) (...), eq. (3) of the paper."""
     noise: FloatArray = Boltzmann * range_squared * range_squared
     return constant * cross_section / noise

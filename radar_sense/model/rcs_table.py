@@ -287,10 +287,7 @@ class _Axis:
     def bezier(self, values: FloatArray, edges: FloatArray) -> FloatArray:
         """Return Bézier coefficients (4, k, ...) of the spline through nodal values (n, ...).
 
-        Args:
-            values: Values at the nodes.
-            edges: Edges (k + 1,) of the cells, ascending, with all nodes among them. Beyond the
-                nodes the spline is constant.
+        All nodes are among the edges (k + 1,) of the cells. Beyond them the spline is constant.
         """
         from scipy.interpolate import BPoly, PPoly  # slow to import
 
@@ -341,15 +338,10 @@ def _by_cell(coefficients: FloatArray) -> FloatArray:
 def _enveloped(
     around: _Axis, upward: _Axis | None, values: FloatArray, width: float
 ) -> tuple[_Axis, _Axis, FloatArray]:
-    """Return the axes of an envelope, and its coefficients (cells, 16).
+    """Return the axes of an envelope of width w [rad], and its coefficients (cells, 16).
 
-    An envelope reaches from straight below to straight above, whatever the table covers.
-
-    Args:
-        around: The azimuths of the table.
-        upward: The elevations of the table, if it has any.
-        values: ln σ_r at the nodes (n,) or (n, m).
-        width: w [rad].
+    It is that of ln σ_r (n,) or (n, m) at the azimuths and elevations of a table. It reaches from
+    straight below to straight above, whatever the table covers.
     """
     from scipy.ndimage import maximum_filter1d  # slow to import
 
@@ -388,17 +380,10 @@ def _bounds(
     azimuth: FloatArray,
     elevation: FloatArray,
 ) -> FloatArray:
-    """Return a bound of the spline in each cell of an envelope (k, j).
+    """Return a bound of the spline in each cell of an envelope (k, j), with edges (j + 1), (k + 1).
 
     In a part of a cell between two nodes of the table, the spline is at most its largest Bézier
     coefficient.
-
-    Args:
-        around: The azimuths of the table.
-        upward: The elevations of the table, if it has any.
-        values: ln σ_r at the nodes (n,) or (n, m).
-        azimuth: Edges of the cells (j + 1,).
-        elevation: Edges of the cells (k + 1,).
     """
     edges = np.union1d(around.nodes, azimuth)
     by_azimuth = around.bezier(values, edges)

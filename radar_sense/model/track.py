@@ -26,7 +26,7 @@ ATTITUDE_COLUMNS = tuple(f"{name}_deg" for name in AIRCRAFT[ATTITUDE])
 
 
 def attitude_from_motion(velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Return the attitude of coordinated flight without wind or angle of attack.
+    """Return the attitude (n, 3) [rad] of coordinated flight without wind or angle of attack.
 
     V_h is the horizontal speed. Yaw is the course χ = atan2(v_e, v_n). Pitch is the climb angle
     atan2(−v_d, V_h). Roll is the bank of a coordinated turn, tan φ = V_h χ̇ / g (R. W. Beard and T.
@@ -35,17 +35,11 @@ def attitude_from_motion(velocity: FloatArray, acceleration: FloatArray) -> Floa
 
     Below the speed `HOVER` over ground, yaw is the last known course and the wings are level.
     Before the first known course, yaw is the first known course. Without any motion the nose is
-    level too.
+    level too. An aircraft that never moves horizontally is refused.
 
     Args:
         velocity: North, east, down (n, 3) [m/s], in the order of time.
         acceleration: North, east, down (n, 3) [m/s²].
-
-    Returns:
-        Roll, pitch, yaw (n, 3) [rad].
-
-    Raises:
-        InputError: If the aircraft never moves horizontally.
     """
     north, east, down = (velocity[:, i] for i in range(3))
     speed = np.hypot(north, east)
@@ -115,9 +109,6 @@ def attitude_of_motion(
         velocity: North, east, down (n, 3) [m/s] in the frame of the origin.
         acceleration: North, east, down (n, 3) [m/s²] in the frame of the origin.
         origin: Origin of the frame; None if level is the same everywhere.
-
-    Raises:
-        InputError: If the aircraft never moves horizontally.
     """
     if origin is not None:
         velocity, acceleration = velocity.copy(), acceleration.copy()
@@ -137,13 +128,7 @@ def attitude_of_motion(
 def turn_to_origin(
     place: FloatArray, attitude: FloatArray, origin: tuple[float, ...]
 ) -> FloatArray:
-    """Return attitudes (n, 3) [rad] in the frame of the origin.
-
-    Args:
-        place: Latitude, longitude [rad] and height [m] (n, 3).
-        attitude: Attitudes (n, 3) [rad] relative to north, east and down at the aircraft.
-        origin: Latitude, longitude [rad] and height above the ellipsoid [m].
-    """
+    """Return attitudes (n, 3), relative to level at places (n, 3), in the frame of an origin."""
     turned = np.empty_like(attitude)
     for block in slices(len(attitude)):
         turn = geodesy.turn_to_origin(place[block], origin)
@@ -162,20 +147,18 @@ def covariance_in_frame(
 ) -> FloatArray:
     """Return C_aa of each pose (n, 6, 6) in the frame of an origin.
 
-    An error of position turns level too, by 0.001° for 100 m. This turn is neglected.
+    An error of position turns level too, by 0.001° for 100 m. This turn is neglected. A nose that
+    points straight up or down in the axes that are turned to is refused: roll and yaw have no
+    covariance there.
 
     Args:
         covariance: C_aa (6, 6) or (n, 6, 6), relative to north, east and down at the aircraft.
         time: Time of each pose (n,) [s], for errors.
         aircraft: States (n, 6) in the frame of the origin.
-        origin: Latitude, longitude [rad] and height above the ellipsoid [m].
+        origin: The origin, see `geodesy`.
         back: Whether the covariance is turned the other way: from the frame of the origin to north,
             east and down at the aircraft.
         source: Name of the track in errors.
-
-    Raises:
-        InputError: If the nose points straight up or down in the axes that are turned to, where
-            roll and yaw have no covariance.
     """
     found = np.array(np.broadcast_to(covariance, (len(time), *covariance.shape[-2:])))
     for block, ends in _axes(aircraft, origin, back=back):
@@ -191,15 +174,6 @@ def square_root_in_frame(
 
     F is the symmetric square root of the covariance at the aircraft, turned into the frame. Errors
     that are correlated from pose to pose are then the same errors about any origin.
-
-    Args:
-        covariance: C_aa (n, 6, 6) in the frame of the origin.
-        time: As in `covariance_in_frame`.
-        aircraft: As in `covariance_in_frame`.
-        origin: As in `covariance_in_frame`.
-
-    Raises:
-        InputError: If the nose points straight up or down at the aircraft.
     """
     at_aircraft = covariance_in_frame(covariance, time, aircraft, origin, back=True)
     root = symmetric_square_root(at_aircraft)
@@ -243,16 +217,8 @@ def _jacobian(
 ) -> FloatArray:
     """Return the partials (k, 6, 6) of the aircraft state in other axes by the state.
 
-    Args:
-        source: Name of the track in errors.
-        time: Time of each pose (k,) [s], for errors.
-        covariance: C_aa (k, 6, 6). The partials of an attitude without errors are 0.
-        attitude: Attitudes (k, 3) [rad] before the turn.
-        turned: Attitudes (k, 3) [rad] after the turn.
-        turn: Matrices (k, 3, 3) from the axes before to the axes after.
-
-    Raises:
-        InputError: If the nose points straight up or down after the turn.
+    The partials of an attitude without errors are 0. `turn` (k, 3, 3) leads from the axes before,
+    where the attitude is `attitude` (k, 3), to those after, where it is `turned`.
     """
     uncertain = np.any(covariance[:, ATTITUDE, ATTITUDE] != 0, axis=(-2, -1))
     steep = uncertain & (np.abs(turned[:, 1]) > np.pi / 2 - _STEEP)

@@ -87,15 +87,8 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     180°. Covariances are interpolated linearly, which keeps them semidefinite. They are relative to
     north, east and down at the aircraft for this, so that the origin of the frame changes nothing.
 
-    Args:
-        route: The route.
-        step_s: Time step [s] from the first pose on. The last pose of the route is always kept, so
-            the last interval may be shorter than a step.
-        method: "legs" or "smooth".
-
-    Raises:
-        InputError: If the step is not positive or makes too many poses, if there is no such
-            method, or if the aircraft never moves horizontally.
+    The step [s] counts from the first pose on. The last pose of the route is always kept, so the
+    last interval may be shorter than a step.
     """
     check_choice("method", method, METHODS)
     time, last = even_times(route.time_s, step_s), float(route.time_s[-1])
@@ -109,11 +102,7 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
 
 
 def even_times(time_s: FloatArray, step_s: float) -> FloatArray:
-    """Return times (n,) [s] at equal steps from the first of some times (m,) [s] up to the last.
-
-    Raises:
-        InputError: If the step is not positive or makes too many poses.
-    """
+    """Return times (n,) [s] at equal steps from the first of some times (m,) [s] up to the last."""
     first, last = float(time_s[0]), float(time_s[-1])
     # A step must be longer than the spacing of floats at this time, some 1e-16 of the time.
     shortest = max(MIN_STEP, 1e-15 * max(abs(first), abs(last)))
@@ -132,16 +121,7 @@ def _too_many(step_s: float) -> InputError:
 
 
 def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
-    """Return a route interpolated at given times by a method of `resample`.
-
-    Args:
-        route: The route.
-        time: Times (n,) [s], increasing, within the times of the route.
-        method: "legs" or "smooth".
-
-    Raises:
-        InputError: If the aircraft never moves horizontally.
-    """
+    """Return a route at times (n,) [s] within its own, increasing, by a method of `resample`."""
     if len(route.time_s) == 1:
         return route
     motion = _legs if method == "legs" else _smooth
@@ -241,14 +221,8 @@ def _lifted(
 
     A line or a spline between waypoints is a tunnel through the earth. Each of its points keeps its
     latitude and longitude. Speed over ground grows with the distance from the centre of the earth.
-
-    Args:
-        position: Positions in the tunnel (n, 3) [m].
-        height: Height above the ellipsoid (n,) [m].
-        climb: Rate of change of the height (n,) [m/s].
-        velocity: Velocity in the tunnel (n, 3) [m/s].
-        acceleration: Acceleration in the tunnel (n, 3) [m/s²]; only its horizontal part is used.
-        origin: Origin of the north-east-down frame.
+    Of the acceleration only the horizontal part is used. `climb` is the rate of change of the
+    height above the ellipsoid (n,).
     """
     place = geodesy.geodetic_from_ned(position, origin)
     growth = (geodesy.SEMI_MAJOR + height) / (geodesy.SEMI_MAJOR + place[:, 2])

@@ -98,17 +98,8 @@ class Verdict:
 def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BETA) -> Verdict:
     """Return the verdict on the values of a method, by draws with emphasis on the tails.
 
-    More draws are made at a pose until the method agrees or differs there.
-
-    Args:
-        states: The uncertain states of n poses.
-        band: Values by the method, with bounds at Φ(−β) and Φ(β).
-        digits: Significant digits of the standard deviation that matter, 1 to 4. One more digit
-            takes 100 times the draws.
-        beta: β of the bounds.
-
-    Raises:
-        InputError: If digits are out of range, or the draws take more than a day.
+    More draws are made at a pose until the method agrees or differs there. The digits are the
+    significant ones of the standard deviation that matter. One more takes 100 times the draws.
     """
     digits = check_number("digits", digits, DIGITS)
     n = len(states)
@@ -138,14 +129,9 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
 def draw_in_parts(
     states: UncertainStates, draws: int, beta: float = BETA
 ) -> tuple[FloatArray, FloatArray]:
-    """Return `QUANTITIES` by draws (4, k), and their standard errors (4, k).
+    """Return `QUANTITIES` by draws (4, k), of all `PARTS` together, and standard errors (4, k).
 
     No method of propagation makes the same draws.
-
-    Args:
-        states: The uncertain states of k poses.
-        draws: Number of draws at each pose, of all `PARTS` together.
-        beta: β of the bounds.
     """
     seeds = random_stream(states.seed, Stream.PARTS, 0).integers(2**63, size=PARTS)
     parts = [estimate(replace(states, seed=int(x)), draws // PARTS, beta) for x in seeds]

@@ -23,12 +23,7 @@ _EXTRA = "pip install 'radar-sense[dask]'"
 
 @contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """Yield an executor on a Dask cluster, and the number of threads of its workers.
-
-    Raises:
-        InputError: If Dask is not installed, no scheduler answers, or no worker can compute.
-        ComputationError: If the cluster is lost while it computes.
-    """
+    """Yield an executor on a Dask cluster, and the number of threads of its workers."""
     try:
         import distributed
     except ImportError as error:

@@ -57,14 +57,10 @@ def estimate(p_d: FloatArray) -> FloatArray:
 
 
 def root_mean_square(difference: FloatArray, std: FloatArray) -> dict[str, FloatArray]:
-    """Return RMS differences by statistic, over repetitions and poses, in units of σ_pd.
+    """Return RMS differences (k,) by statistic, over repetitions and poses, in units of σ_pd.
 
-    Args:
-        difference: Differences of estimates (repetitions, k, 4, n).
-        std: σ_pd (n,). Poses where it is zero are left out.
-
-    Returns:
-        (k,) of each statistic, NaN without poses.
+    Those of estimates are (repetitions, k, 4, n). Poses are left out where σ_pd (n,) is zero. The
+    differences are NaN without poses.
     """
     usable = std > LEAST_STD
     if not usable.any():
@@ -97,14 +93,7 @@ class Convergence:
 def measure(
     scenario: Scenario, runs: int, repetitions: int = REPLICATIONS, *, workers: int = 1
 ) -> Convergence:
-    """Estimate repeatedly with up to `runs` runs, a power of two, and compute the reference.
-
-    Args:
-        scenario: The scenario, at its level. The seed determines the seeds of the repetitions.
-        runs: Largest number of runs.
-        repetitions: Number of independent repetitions.
-        workers: Threads to compute with; the result does not depend on their number.
-    """
+    """Estimate repeatedly with up to `runs` runs, a power of two, and compute the reference."""
     poses = np.unique(np.linspace(0, len(scenario.aircraft) - 1, POSES).round().astype(int))
     subset = scenario.at_poses(poses)
     sampler = Sampler(subset.states())

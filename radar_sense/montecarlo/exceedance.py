@@ -65,10 +65,7 @@ class Exceedance:
 def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
     """Draw runs of the whole path, and count where P_D exceeds a limit.
 
-    Args:
-        scenario: The scenario, at its level and with its seed.
-        p_max: The limit of P_D.
-        runs: Runs wanted; fewer are made where they would be more than `MAX_DRAWS` draws.
+    Fewer runs are made where they would be more than `MAX_DRAWS` draws.
     """
     poses = len(scenario.aircraft)
     affordable = int(MAX_DRAWS / (poses * len(scenario.model.radars)))

@@ -21,7 +21,7 @@ from radar_sense.errors import InputError, describe
 from radar_sense.limits import SIGMAS, WORKERS, check_number
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler, clipped
-from radar_sense.montecarlo.sequences import SAMPLERS, Random, Sobol, check_sampler
+from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
 from radar_sense.montecarlo.statistics import DrawStatistics, Statistics, binomial_interval
 from radar_sense.progress import report
 from radar_sense.propagation import Moments, propagate_scenario
@@ -99,9 +99,7 @@ class MonteCarlo(DrawStatistics):
         )
 
 
-def draw_block(
-    sampler: Sampler, source: Random | Sobol, block: int, runs: int
-) -> tuple[FloatArray, int]:
+def draw_block(sampler: Sampler, source: Source, block: int, runs: int) -> tuple[FloatArray, int]:
     """Return P_D (m, n) of a block of runs, and how many of them are clipped, see `clipped`.
 
     The last block may have fewer of all `runs`.

@@ -15,11 +15,7 @@ T = TypeVar("T")
 def in_order(
     function: Callable[[int], T], count: int, workers: int, executor: Executor | None = None
 ) -> Iterator[T]:
-    """Yield function(0) to function(count − 1), computed by threads or an executor.
-
-    Raises:
-        ComputationError: If memory or threads run out.
-    """
+    """Yield function(0) to function(count − 1), computed by threads or an executor."""
     try:
         if executor:
             yield from _submitted(executor, function, count, ahead=8 * workers)

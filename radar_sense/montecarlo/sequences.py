@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +27,11 @@ MAX_SOBOL_RUNS = 2**24
 
 
 @dataclass(frozen=True)
-class Random:
-    """Pseudo-random unit normals, a stream for each block.
+class Source:
+    """A source of blocks.
 
     Attributes:
-        seed: Seed of all streams.
+        seed: Seed of all blocks.
         runs: Runs of a block.
         poses: Number of poses n.
         radar: Number of unit normals of a radar state, m.
@@ -45,6 +44,14 @@ class Random:
 
     def block(self, index: int) -> tuple[FloatArray, FloatArray]:
         """Return unit normals of a block for radar (runs, m) and aircraft (runs, n, 6)."""
+        raise NotImplementedError
+
+
+class Random(Source):
+    """Pseudo-random unit normals, a stream for each block."""
+
+    def block(self, index: int) -> tuple[FloatArray, FloatArray]:
+        """As of `Source`."""
         generator = random_stream(self.seed, index)
         radar = generator.standard_normal((self.runs, self.radar))
         # Component first in memory, as P_D is computed component by component.
@@ -52,8 +59,7 @@ class Random:
         return radar, np.moveaxis(aircraft, 0, -1)
 
 
-@dataclass(frozen=True)
-class Sobol:
+class Sobol(Source):
     """Unit normals from a scrambled Sobol' sequence in the dimensions of all states.
 
     The sequence has ten dimensions for one radar, and four more for each further radar. Each
@@ -67,21 +73,10 @@ class Sobol:
     draws at two poses are shifts of each other, and not independent. Over many seeds the
     correlation of the draws has mean 0. For one seed the correlation is about ±0.7, for any number
     of runs.
-
-    Attributes:
-        seed: Seed of scrambling and shifts.
-        runs: Runs of a block.
-        poses: Number of poses n.
-        radar: Number of unit normals of a radar state, m.
     """
 
-    seed: int
-    runs: int
-    poses: int
-    radar: int = len(RADAR)
-
     def block(self, index: int) -> tuple[FloatArray, FloatArray]:
-        """Return unit normals of a block for radar (runs, m) and aircraft (runs, n, 6)."""
+        """As of `Source`."""
         from scipy.stats import qmc  # slow to import
 
         sequence = qmc.Sobol(
@@ -104,7 +99,7 @@ def _normal(bits: NDArray[np.uint32]) -> FloatArray:
 
 
 #: The sources by name.
-SAMPLERS: Mapping[str, Any] = {"random": Random, "sobol": Sobol}
+SAMPLERS: Mapping[str, type[Source]] = {"random": Random, "sobol": Sobol}
 
 
 def check_sampler(name: str, runs: int) -> None:

@@ -55,7 +55,7 @@ def sobol_indices(
     samples: int,
     seed: int,
 ) -> SobolIndices:
-    """Estimate the indices of groups of independent standard normal inputs.
+    """Return indices of groups of independent standard normal inputs, NaN where nothing varies.
 
     The sample is a scrambled Sobol' sequence and the estimators are SciPy's (A. Saltelli et al.,
     Comput. Phys. Commun. 181, 2010), with a group in place of one input. The outputs are computed
@@ -69,12 +69,6 @@ def sobol_indices(
         samples: Base samples, rounded up to a power of two for each replicate. The function is
             evaluated g + 2 times for each base sample.
         seed: Seed of the scramblings.
-
-    Returns:
-        The indices; NaN for an output without variance.
-
-    Raises:
-        InputError: If the sample takes more than MOST_BYTES.
     """
     # scipy.stats is slow to import
     from scipy.stats import qmc

@@ -114,12 +114,8 @@ def tail_quantiles(
     """Return the quantiles (columns,) of `count` rows at a probability and at 1 − probability.
 
     They are linear between the order statistics around (n − 1) p, the default of NumPy (Hyndman and
-    Fan, The American Statistician 50(4), 1996, number 7).
-
-    Args:
-        rows: All rows, or at least the rows of both tails (m, columns).
-        count: Number of all rows, two or more.
-        probability: Probability of the lower quantile.
+    Fan, The American Statistician 50(4), 1996, number 7). The rows of both tails (m, columns) are
+    enough.
     """
     position = (count - 1) * probability
     below = math.floor(position)
@@ -133,17 +129,9 @@ def tail_quantiles(
 def binomial_interval(
     successes: FloatArray, count: int, confidence: float = 0.95
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a confidence interval of a proportion, with at least the stated confidence.
+    """Return the ends (...) of an interval of a proportion, with at least the stated confidence.
 
-    C. J. Clopper and E. S. Pearson, Biometrika 26(4), 1934.
-
-    Args:
-        successes: (...), whole numbers from 0 to `count`; NaN gives NaN.
-        count: Number of trials.
-        confidence: Probability of the interval.
-
-    Returns:
-        Lower and upper ends (...).
+    Successes (...) that are NaN give NaN (C. J. Clopper and E. S. Pearson, Biometrika 26(4), 1934).
     """
     miss = (1.0 - confidence) / 2.0
     failures = count - successes

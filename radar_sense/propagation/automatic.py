@@ -56,11 +56,8 @@ def judged(
     better. They are better if a value that is not confirmed differs by more than the noise, and
     the noise of both is small enough.
 
-    Args:
-        looks: Looks at the k poses by draws.
-        values: Two values by a method, each (k,): the bounds, or mean and σ.
-        read: `of_bounds` or `of_moments`.
-        to_precision: Whether draws are made to precision.
+    The two values by a method, each (k,), are the bounds, to `read` with `of_bounds`, or mean and
+    σ, with `of_moments`.
     """
     both = np.stack(values)
 

@@ -84,12 +84,7 @@ def estimate(
 ) -> Estimate:
     """Return what draws say of P_D at each pose: it is 0 where no radar may see the aircraft.
 
-    Args:
-        states: The uncertain states of k poses.
-        draws: Number of draws at each pose.
-        beta: β of the bounds.
-        p_max: Limit whose exceedance is counted; NaN for none.
-        plain: Whether to draw from the natural density alone.
+    Plain draws are from the natural density alone.
     """
     found = Estimate.constant(len(states), 0.0)
     found.draws[:] = draws
@@ -199,14 +194,9 @@ class _Strata:
 def _estimate(
     p_d: FloatArray, weights: FloatArray, towards: FloatArray, beta: float, p_max: float
 ) -> Estimate:
-    """Return the estimate from draws.
+    """Return the estimate from draws of P_D (k, n), whose weights (k, n) add up to about 1.
 
-    Args:
-        p_d: P_D of the draws (k, n).
-        weights: Weights of the draws (k, n), which add up to about 1.
-        towards: Unit normals of the draws towards the greatest and the least P_D (2, k, n).
-        beta: β of the bounds.
-        p_max: Limit whose exceedance is counted; NaN for none.
+    Their unit normals towards the greatest and the least P_D are `towards` (2, k, n).
     """
     rising, falling = (_Strata(weights, side, beta) for side in towards)
     mean = np.sum(rising.weights * p_d, axis=1)
@@ -235,13 +225,8 @@ def _quantile(
     """Return the least of the values (k, n) with this weight up to it, and its standard error (k,).
 
     The standard error is a third of the way to the values at three standard errors of the weight.
-    It is large beside a jump of P_D that the tail may or may not reach.
-
-    Args:
-        values: The values (k, n).
-        strata: Weights of the values.
-        order: Places of the values in ascending order (k, n).
-        tail: The weight.
+    It is large beside a jump of P_D that the tail may or may not reach. `order` (k, n) has the
+    places of the values in ascending order.
     """
     number = np.arange(values.shape[1])
     mass = np.cumsum(np.take_along_axis(strata.weights, order, axis=1), axis=1)

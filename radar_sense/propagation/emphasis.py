@@ -101,10 +101,8 @@ class Mixture:
         """Return unit normals u (k, d, n) of the mixture, and their weights (k, n).
 
         Also returned is how far they are towards the first centre that raises P_D and the first
-        that lowers it (2, k, n): a unit normal each, 0 where the centre is 0.
-
-        Args:
-            normals: Independent unit normals (d, n), the same at all poses.
+        that lowers it (2, k, n): a unit normal each, 0 where the centre is 0. The independent unit
+        normals (d, n) are the same at all poses.
         """
         n = normals.shape[1]
         wide, central = int(WIDE * n / len(self.bases)), int((1.0 - NATURAL - WIDE) * n)
@@ -166,14 +164,9 @@ def _centres(states: UncertainStates, beta: float) -> tuple[list[FloatArray], li
 
 
 def _shares(states: UncertainStates, centres: FloatArray, falling: int) -> FloatArray:
-    """Return the share (k, c) of each centre of the draws about centres.
+    """Return the share (k, c) of each centre (k, c, d) of the draws about centres, see `Mixture`.
 
     The tails of P_D are about the centres with the greatest and the least P_D.
-
-    Args:
-        states: The uncertain states of k poses.
-        centres: The centres (k, c, d).
-        falling: Number of the first centre that lowers P_D.
     """
     nominal = np.zeros_like(centres[:, :1])
     points = np.concatenate([nominal, centres], axis=1).swapaxes(1, 2)

@@ -180,14 +180,8 @@ def climb(
     turns the step towards the gradient. After a step that gains far more than the curvature at
     u = 0 predicts, the next step uses less of the curvature.
 
-    Args:
-        space: Standard normal space.
-        row: Poses (j,).
-        sign: 1 or −1 (j,).
-        radius: Radius of the ball (j,).
-        g: Gradient of sign · z at u = 0 (r, j).
-        lam: Curvatures of sign · z at u = 0 (r, j).
-        start: The first u that is evaluated (r, j): the maximum of the second-order expansion.
+    At the poses `row` (j,), sign · z has the gradient g and the curvatures λ (r, j) at u = 0.
+    `start` (r, j) is the first u that is evaluated, the maximum of the second-order expansion.
     """
     count = len(row)
     best, converged = sign * space.value[row], np.zeros(count, dtype=bool)

@@ -48,12 +48,10 @@ class Looks:
         most: int,
         rows: NDArray[np.intp] | None = None,
     ) -> Estimate:
-        """Return what draws say of P_D, more of them at poses that are not settled.
+        """Return what draws say of P_D, NaN at poses that are not among the rows.
 
-        Args:
-            settled: Returns where (j,) an estimate at the poses (j,) is enough.
-            most: Most draws at a pose.
-            rows: Poses to look at, NaN at the others; None for all.
+        More draws, but no more than `most`, are made at poses (j,) where their estimate is not
+        `settled` (j,).
         """
         k = len(self.states)
         rows = np.arange(k) if rows is None else rows

@@ -189,16 +189,9 @@ def unreliable(
 def propagate_scenario(
     scenario: Scenario, *, method: str = AUTOMATIC, beta: float = 3.0, p_max: float | None = None
 ) -> Moments:
-    """Return the moments of P_D (n,) at every pose of a scenario, at its level.
+    """Return the moments of P_D (n,) at every pose of a scenario, at its level, as `propagate`.
 
-    Args:
-        scenario: The scenario.
-        method: Name of the method.
-        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
-        p_max: Limit whose exceedance the draws of `automatic` count; None for none.
-
-    Raises:
-        InputError: If there is no such method, or β is not positive.
+    The draws of `automatic` count how often P_D exceeds p_max.
     """
     return _moments(scenario.states(), method, beta, p_max)
 
