@@ -19,14 +19,14 @@ from radar_sense.errors import InputError
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
-from radar_sense.propagation.looks import Looks
+from radar_sense.propagation.looks import PRECISE, Looks
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import PART, SOURCE
 from radar_sense.sources import error_budget, scaled, sources_of, value_function
 from radar_sense.states import FloatArray
 
-#: Draws at a pose that verify a factor of 3σ, and of a look at all poses.
-DRAWS, LOOK = 16_384, 256
+#: Draws at a pose of a look at all poses. `PRECISE` draws verify a factor.
+LOOK = 256
 #: Poses at which draws verify a factor: as many with the largest values by the method, and as many
 #: with the largest values by few draws at all poses.
 VERIFIED = 16
@@ -127,7 +127,7 @@ class _Goal:
         residual = values[pose]
         if self.method == AUTOMATIC or (factor is None and not residual > self.limit):
             rows = self.rows(names, finite_factor)
-            drawn, errors = self._value(self._drawn(names, finite_factor, DRAWS, rows))
+            drawn, errors = self._value(self._drawn(names, finite_factor, PRECISE, rows))
             agrees = abs(values[rows] - drawn) <= SURE * errors
             found = np.where(agrees, values[rows], drawn)
             largest = int(np.argmax(reached(found)))
@@ -234,7 +234,7 @@ class _Goal:
 
         changed = scaled(self.scenario, names, factor).at(rows)
         looks = Looks(changed, self.k or 3.0, np.nan if self.k is None else limit)
-        excess, sure = compared(looks.until(settled, DRAWS))
+        excess, sure = compared(looks.until(settled, PRECISE))
         if np.any(excess > sure):
             return False
         return True if np.all(excess <= 0.0) else None

@@ -143,7 +143,7 @@ def small_batches(patch):
     """Let `validate` and `compare` draw few draws, whose accuracy has tests of its own."""
     patch.setattr(import_module("radar_sense.analyses.compare"), "TOGETHER", 1e4)
     patch.setattr(import_module("radar_sense.analyses.validate"), "RUNS", 2000)
-    patch.setattr("radar_sense.montecarlo.adaptive.DRAWS", 2048)
+    patch.setattr("radar_sense.montecarlo.adaptive.PRECISE", 2048)
     patch.setattr("radar_sense.montecarlo.adaptive.MOST_DRAWS", 8192)
 
 
@@ -560,9 +560,9 @@ def few_judging_draws(patch, first=256, most=1024):
     for name in ("propagation.looks", "accuracy", "coverage.ranges"):
         patch.setattr(f"radar_sense.{name}.estimate", remembered)
     patch.setattr("radar_sense.propagation.looks.FIRST", first)
-    for name in ("automatic.LAST", "automatic.MOST_OF_NAMED", "looks.LOBED"):
+    for name in ("automatic.LAST", "automatic.MANY", "looks.PRECISE"):
         patch.setattr(f"radar_sense.propagation.{name}", most)
-    patch.setattr("radar_sense.accuracy.DRAWS", most)
+    patch.setattr("radar_sense.accuracy.PRECISE", most)
     patch.setattr("radar_sense.coverage.ranges.DRAWS", (first, most))
 
 

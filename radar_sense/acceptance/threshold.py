@@ -33,7 +33,7 @@ from radar_sense.acceptance.frames import attitude_off
 from radar_sense.montecarlo.exceedance import Exceedance, exceedance
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, Band, band_of_scenario
 from radar_sense.propagation.draws import Estimate
-from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
+from radar_sense.propagation.looks import LADDER, LAST, Looks
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -42,8 +42,6 @@ CHANCE = 0.0005
 #: Probability at one pose that plain runs contradict draws that are right. The pose is then looked
 #: at with more draws.
 ALARM = 1e-4
-#: Most looks at a pose.
-LOOKS = 1 + round(math.log(LAST / FIRST, GROWTH))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +153,8 @@ def decide(
     wanted = math.ceil(math.log(CHANCE) / math.log1p(-tail))
     runs = exceedance(scenario, p_max, wanted)
     every = np.arange(poses)
-    to_hold, to_violate = ndtri(1.0 - CHANCE / LOOKS), ndtri(1.0 - CHANCE / (poses * LOOKS))
+    chance = CHANCE / len(LADDER)  # of every look
+    to_hold, to_violate = ndtri(1.0 - chance), ndtri(1.0 - chance / poses)
 
     def decided(
         some: NDArray[np.intp], found: Estimate

@@ -22,6 +22,7 @@ from radar_sense.model.radar import ALWAYS
 from radar_sense.propagation import AUTOMATIC, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.looks import FURTHER, MANY, PRECISE
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 
@@ -32,7 +33,7 @@ NODE = math.sqrt(3.0)
 _STEP = 1e-5
 #: Draws at each distance of the search for a bound by draws, and more where these are not precise.
 #: The tolerance of z in the search is below its standard error.
-DRAWS, TOLERANCE = (4096, 16_384, 65_536), 0.01
+DRAWS, TOLERANCE = (FURTHER, PRECISE, MANY), 0.01
 #: Relative standard error of a bound of the range by draws that needs no more draws.
 PRECISION = 0.01
 #: Standard error of P_D at the bound above which few draws may have missed where P_D jumps.

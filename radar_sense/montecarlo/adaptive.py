@@ -21,15 +21,15 @@ from radar_sense.montecarlo.montecarlo import BETA, ROUNDING
 from radar_sense.progress import report
 from radar_sense.propagation import Moments
 from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.looks import GROWTH
+from radar_sense.propagation.looks import GROWTH, PRECISE
 from radar_sense.states import FloatArray
 from radar_sense.streams import Stream, random_stream
 from radar_sense.uncertain_states import UncertainStates
 
-#: Draws at a pose at first, and most draws. The standard errors are 0.5 to 2 σ/√n by n of these
+#: Most draws at a pose; `PRECISE` are the first. The standard errors are 0.5 to 2 σ/√n by n of the
 #: draws, so the most decide where δ is above 0.3 % of σ. More draws take the place of fewer: where
 #: a tail is steep a bound by few draws is biased, and so is the mean of many such bounds.
-DRAWS, MOST_DRAWS = 16_384, 2**21
+MOST_DRAWS = 2**21
 #: Parts of the draws, each with standard errors of its own. At one pose of hundreds the standard
 #: error of one part is too small by chance, up to twenty times; that of four parts is not.
 PARTS = 4
@@ -104,16 +104,16 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
     digits = check_number("digits", digits, DIGITS)
     n = len(states)
     values = np.stack([getattr(band, name) for name in QUANTITIES])
-    drawn, error = draw_in_parts(states, DRAWS, beta)
+    drawn, error = draw_in_parts(states, PRECISE, beta)
     tolerance = np.array([numerical_tolerance(value, digits) for value in drawn[1]])
     delta = np.maximum(tolerance, ROUNDING * abs(drawn[0]))
-    draws, count = np.full(n, DRAWS), DRAWS
+    draws, count = np.full(n, PRECISE), PRECISE
     verdict = Verdict(values, drawn, error, delta, draws)
     rows = np.flatnonzero(verdict.undecided)
     # as many as it takes until the draws are stable
     more = np.square(2.0 * error[:, rows] / delta[rows]).max(axis=0, initial=GROWTH)
     growth = GROWTH ** np.ceil(np.log(more) / np.log(GROWTH))
-    most = float(np.minimum(DRAWS * growth, MOST_DRAWS).sum())
+    most = float(np.minimum(PRECISE * growth, MOST_DRAWS).sum())
     foresee(f"{most:,.0f} draws of P_D", most * len(states.model.radars), less="fewer --digits")
     report("poses", n - len(rows), n)
     while rows.size and count < MOST_DRAWS:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.form import Form
-from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
+from radar_sense.propagation.looks import LAST, MANY, PRECISE, Looks
 from radar_sense.propagation.moments import Distribution
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
@@ -26,13 +26,8 @@ BOUND_CHANGE, PART_OF_BOUND, STD_CHANGE = 0.005, 0.1, 0.05
 #: Differences of P_D below the first are never off: no output shows them. Below the second, they
 #: may hide in the noise of the draws.
 LEAST_CHANGE, LEAST_TOLD = 1e-6, 2e-5
-#: Most draws at a pose that judge the bounds of a named method. A bound that they do not confirm is
-#: warned of.
-MOST_OF_NAMED = LAST // GROWTH
 #: β of the draws that say something of mean, σ and probabilities.
 JUDGED = 3.0
-#: Draws at a pose for a probability.
-FOR_PROBABILITY = 16 * FIRST
 #: Standard errors within which a value is taken to be.
 ERRORS = 2.5
 
@@ -51,10 +46,10 @@ def judged(
     - confirmed if its difference from the drawn value, plus the noise, is at most its tolerance;
     - off if the difference is more than the tolerance plus the noise.
 
-    More draws are made until both values are confirmed or one is off. Draws to precision may
-    replace the values: they are made until both values are confirmed, or until the draws are
-    better. They are better if a value that is not confirmed differs by more than the noise, and
-    the noise of both is small enough.
+    Up to `MANY` draws are made until both values are confirmed or one is off. Draws to precision,
+    up to `LAST`, may replace the values: they are made until both values are confirmed, or until
+    the draws are better. They are better if a value that is not confirmed differs by more than the
+    noise, and the noise of both is small enough.
 
     The two values by a method, each (k,), are the bounds, to `read` with `of_bounds`, or mean and
     σ, with `of_moments`.
@@ -78,7 +73,7 @@ def judged(
         confirmed, off, better = compared(rows, found)
         return confirmed | (better if to_precision else off)
 
-    drawn = looks.until(settled, LAST if to_precision else MOST_OF_NAMED)
+    drawn = looks.until(settled, LAST if to_precision else MANY)
     confirmed, off, _ = compared(slice(None), drawn)
     return drawn, confirmed, off
 
@@ -140,7 +135,7 @@ class Automatic(Distribution):
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) by draws."""
-        return estimate(self.states, FOR_PROBABILITY, JUDGED, p_max).above[0]
+        return estimate(self.states, PRECISE, JUDGED, p_max).above[0]
 
     def with_covariances(self, changed: UncertainStates) -> Automatic:
         """Return the method for the same states with other covariances."""

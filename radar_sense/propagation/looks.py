@@ -14,10 +14,10 @@ from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.states import ATTITUDE, POSITION, TILT_ERROR, of_radar
 from radar_sense.uncertain_states import UncertainStates
 
-#: Draws at a pose of the first look, growth from look to look, and most draws at a pose.
-FIRST, GROWTH, LAST = 1024, 4, 2**18
-#: Draws of the first look where the RCS has lobes: a lobe that weighs 0.13 % has five at least.
-LOBED = FIRST * GROWTH**2
+#: Numbers of draws at a pose, from a first look to the last, each GROWTH times the one before.
+#: Where the RCS has lobes the first look is PRECISE: a lobe that weighs 0.13 % has five at least.
+GROWTH = 4
+LADDER = FIRST, FURTHER, PRECISE, MANY, LAST = [1024 * GROWTH**i for i in range(5)]
 
 
 class Looks:
@@ -72,7 +72,7 @@ class Looks:
         if self._given is not None:
             return self._given.at(rows)
         found, with_lobes = Estimate.constant(len(rows), np.nan), self._lobed[rows]
-        for mask, draws in ((~with_lobes, FIRST), (with_lobes, LOBED)):
+        for mask, draws in ((~with_lobes, FIRST), (with_lobes, PRECISE)):
             if mask.any():
                 found.put(np.flatnonzero(mask), self._at(rows[mask], draws))
         return found

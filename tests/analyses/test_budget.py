@@ -332,7 +332,7 @@ def three_sigma_at_a_limit(near, edge, aircraft, runs=400_000):
 
 def test_a_limit_in_reach_of_errors_bounds_the_factors(monkeypatch):
     """FORM does not see the limit. σ grows with a factor and falls again, as radars scatter."""
-    monkeypatch.setattr(module, "DRAWS", 4096)
+    monkeypatch.setattr(module, "PRECISE", 4096)
     s = parse_scenario(AT_A_LIMIT)
     assert three_sigma_at_a_limit(1, 1, 1) > 0.25
     assert three_sigma_at_a_limit(1, 1e6, 1) < 0.1
@@ -354,7 +354,7 @@ def test_a_limit_in_reach_of_errors_bounds_the_factors(monkeypatch):
 
 def test_a_growth_that_meets_a_limit_is_not_allowed(monkeypatch):
     """The limit is 20 km away, 200 σ, and beyond some 1000 σ the radar is seldom in range."""
-    monkeypatch.setattr(module, "DRAWS", 4096)
+    monkeypatch.setattr(module, "PRECISE", 4096)
     content = yaml.safe_load(AT_A_LIMIT)
     del content["radars"][0]
     content["radars"][0] |= {"max_range_km": 100, "constant": 5}
@@ -373,7 +373,7 @@ def test_a_growth_that_meets_a_limit_is_not_allowed(monkeypatch):
 
 def test_draws_find_the_poses_at_which_they_verify(monkeypatch):
     """Of 31 poses on a line one is 30 m beyond the limit, with errors of 100 m."""
-    monkeypatch.setattr(module, "DRAWS", 4096)
+    monkeypatch.setattr(module, "PRECISE", 4096)
     content = yaml.safe_load(AT_A_LIMIT)
     del content["radars"][0]
     content["radars"][0]["uncertainty"]["s"]["position_m"] = 100

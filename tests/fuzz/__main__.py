@@ -38,7 +38,7 @@ def _hangs(number: int, frame: object) -> NoReturn:
 
 def _draw_few() -> None:
     """Let `validate` and `compare` draw less, because their draws take most of the time."""
-    adaptive.DRAWS, adaptive.MOST_DRAWS = 512, 2048
+    adaptive.PRECISE, adaptive.MOST_DRAWS = 512, 2048
     import_module("radar_sense.analyses.validate").RUNS = 200
     import_module("radar_sense.analyses.compare").TOGETHER = 1e4
 

@@ -15,7 +15,7 @@ from radar_sense import cost
 from radar_sense.axis import azimuth
 from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo import adaptive
-from radar_sense.montecarlo.adaptive import DRAWS, QUANTITIES, judge, numerical_tolerance
+from radar_sense.montecarlo.adaptive import PRECISE, QUANTITIES, judge, numerical_tolerance
 from radar_sense.progress import listening
 from radar_sense.propagation import Moments, propagate_scenario
 from radar_sense.scenario_file.load import load_scenario
@@ -232,16 +232,16 @@ def test_the_paper_at_high_differs_for_linear_and_agrees_for_form():
 
 
 def test_too_few_draws_decide_nothing(monkeypatch):
-    monkeypatch.setattr(adaptive, "MOST_DRAWS", 2 * DRAWS)
+    monkeypatch.setattr(adaptive, "MOST_DRAWS", 2 * PRECISE)
     v = validate(gaussian(poses=3), digits=3)
-    np.testing.assert_array_equal(v.draws, 2 * DRAWS)
+    np.testing.assert_array_equal(v.draws, 2 * PRECISE)
     assert not np.any(v.stable | v.agrees | v.differs)
     assert np.all(v.undecided)
     assert v.word == "undecided"
 
 
 def test_undecided_does_not_agree_even_if_it_is_the_same(monkeypatch):
-    monkeypatch.setattr(adaptive, "MOST_DRAWS", 2 * DRAWS)
+    monkeypatch.setattr(adaptive, "MOST_DRAWS", 2 * PRECISE)
     seen = dict(zip(QUANTITIES, validate(gaussian(poses=1), digits=3).drawn, strict=True))
     again = validate(gaussian(poses=1), digits=3, **{n: lambda _, n=n: seen[n] for n in seen})
     assert not np.any(again.distance)
@@ -280,7 +280,7 @@ def test_without_uncertainty_the_nominal_value_agrees(method, detector):
     )
     v = validate(s, method=method)
     assert v.word == "agrees"
-    np.testing.assert_array_equal(v.draws, DRAWS)
+    np.testing.assert_array_equal(v.draws, PRECISE)
     np.testing.assert_allclose(v.delta, 1e-13 * v.drawn[MEAN], rtol=1e-9)  # the rounding
     assert np.all(v.drawn[STD] < 1e-15)
 
@@ -306,7 +306,7 @@ def test_a_method_without_a_result_differs():
 
 
 def test_a_long_computation_says_so_before_it_starts(monkeypatch, caplog):
-    monkeypatch.setattr(cost, "SECONDS", 2 * DRAWS / cost.RATE)
+    monkeypatch.setattr(cost, "SECONDS", 2 * PRECISE / cost.RATE)
     validate(gaussian(std=0.02, poses=1), digits=1)
     assert not caplog.records
     v = validate(gaussian(std=0.09, poses=1), digits=1)
