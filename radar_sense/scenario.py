@@ -43,7 +43,7 @@ from radar_sense.states import (
     RCS_ERROR,
     FloatArray,
     component,
-    real_array,
+    read_only,
     with_errors,
 )
 from radar_sense.uncertain_states import UncertainStates
@@ -491,7 +491,5 @@ def _read_only(geometry: Geometry) -> Geometry:
         values = getattr(geometry, name)
         if type(values) is np.ndarray and values.dtype == float and not values.flags.writeable:
             continue
-        array = real_array(name, values).copy()
-        array.flags.writeable = False
-        changes[name] = array
+        changes[name] = read_only(name, values)
     return dataclasses.replace(geometry, **changes) if changes else geometry

@@ -109,6 +109,13 @@ def real_array(name: str, values: ArrayLike) -> FloatArray:
     return given.astype(float)
 
 
+def read_only(name: str, values: ArrayLike) -> FloatArray:
+    """Return a copy of values as an array of floats that cannot be written."""
+    array = real_array(name, values).copy()
+    array.flags.writeable = False
+    return array
+
+
 def checked_states(
     aircraft: ArrayLike, radar: ArrayLike, radars: int = 1
 ) -> tuple[FloatArray, FloatArray]:

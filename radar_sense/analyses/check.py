@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import timedelta
 
 import numpy as np
@@ -12,7 +13,7 @@ from radar_sense.limits import DEG
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.radar_constant import describe
+from radar_sense.model.radar_constant import Tolerance, relative_std, shape
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, CONSTANT, DOWN, POSITION, FloatArray
 from radar_sense.words import decibels, describe_poses
@@ -88,11 +89,20 @@ def _constants(scenario: Scenario) -> list[str]:
     for level in scenario.levels:
         tolerances = [radar.levels[level].tolerances for radar in scenario.radars]
         lines += [
-            f"{prefix}{level}: {describe(constant, parts)}"
+            f"{prefix}{level}: {_shape(constant, parts)}"
             for prefix, constant, parts in zip(prefixes, constants, tolerances, strict=True)
             if parts
         ]
     return lines
+
+
+def _shape(constant: float, tolerances: Sequence[Tolerance]) -> str:
+    """Return a sentence with the moments of c_r, exactly and to first order."""
+    exact, first_order = shape(tolerances), constant * relative_std(tolerances)
+    return (
+        f"c_r has mean {constant * exact.mean:.4g}, standard deviation {constant * exact.std:.4g} "
+        f"(first order {first_order:.4g}), skewness {exact.skewness:.2f}"
+    )
 
 
 def _height_and_bank(scenario: Scenario) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG, Limit, check_number
 from radar_sense.model.geometry import Vector, radar_from_aircraft
-from radar_sense.states import DOWN, FloatArray, real_array
+from radar_sense.states import DOWN, FloatArray, read_only
 
 #: Elevations [deg], azimuths [deg], gains relative to the greatest [dB], and tilts [deg].
 ELEVATION, AZIMUTH = Limit(at_least=-90, at_most=90), Limit(at_least=-180, at_most=360)
@@ -42,9 +42,7 @@ class _Directions:
 
     def __post_init__(self) -> None:
         for name in (*self.NODES, "axes"):
-            values = real_array(name, getattr(self, name)).copy()
-            values.flags.writeable = False
-            object.__setattr__(self, name, values)
+            object.__setattr__(self, name, read_only(name, getattr(self, name)))
         if self.axes.shape != (3, 3) or not np.allclose(self.axes @ self.axes.T, _LEVEL):
             raise InputError("axes must be a rotation (3, 3)")
         angle, values = (getattr(self, name) for name in self.NODES)

@@ -35,7 +35,7 @@ from radar_sense.states import (
     TILT_ERROR,
     FloatArray,
     check_finite,
-    real_array,
+    read_only,
 )
 
 #: Whether a radar sees an aircraft whose position is uncertain, see `Radar.sight`.
@@ -60,13 +60,12 @@ class Level:
     tilt_std: float = declared(NOT_NEGATIVE, default=0.0)
 
     def __post_init__(self) -> None:
-        matrix = covariance.checked("radar", self.covariance).copy()
+        matrix = covariance.checked("radar", self.covariance)
         if matrix.shape != (len(RADAR),) * 2:
             raise InputError(
                 f"radar covariance must have shape {(len(RADAR),) * 2}, got {matrix.shape}"
             )
-        matrix.flags.writeable = False
-        object.__setattr__(self, "covariance", matrix)
+        object.__setattr__(self, "covariance", read_only("radar covariance", matrix))
         given: Any = self.tolerances
         if not isinstance(given, tuple | list) or not all(isinstance(t, Tolerance) for t in given):
             raise InputError(f"tolerances must be a tuple of Tolerance, got {given!r}")
@@ -211,22 +210,16 @@ class Radar:
         """
         distance, error = slant_range(aircraft, radar), aircraft_error + radar_error
         near, far = distance - error, distance + error
-        may, must = far >= self.min_range, near >= self.min_range
-        least = most = np.full(np.shape(distance), self.max_range)
+        may = (far >= self.min_range) & (near <= self.max_range)
+        must = (near >= self.min_range) & (far <= self.max_range)
         if self.horizon is not None:
-            heights = self.horizon.height(radar), self.horizon.height(aircraft)
-            off = radar_error, aircraft_error
-            lowest, highest = (
-                horizon_range(*(h + sign * e for h, e in zip(heights, off, strict=True)))
-                for sign in (-1.0, 1.0)
-            )
-            least, most = np.minimum(least, lowest), np.minimum(most, highest)
+            own, other = self.horizon.height(radar), self.horizon.height(aircraft)
+            may &= near <= horizon_range(own + radar_error, other + aircraft_error)
+            must &= far <= horizon_range(own - radar_error, other - aircraft_error)
         if self.mask is not None:
             low, high = self.mask.clearance_within(aircraft, radar, error)
             may, must = may & (high >= 0), must & (low >= 0)
-        return np.where(
-            must & (far <= least), ALWAYS, np.where(may & (near <= most), PERHAPS, NEVER)
-        )
+        return np.where(must, ALWAYS, np.where(may, PERHAPS, NEVER))
 
     def covariance(self, level: str) -> FloatArray:
         """Return C_rr (7, 7) at a level, with the errors of attenuation and tilt, see `states`."""
@@ -251,7 +244,7 @@ class Radar:
 
 def _checked_state(values: ArrayLike) -> FloatArray:
     """Return the state of a radar (4,), read-only."""
-    state = real_array("radar state", values).copy()
+    state = read_only("radar state", values)
     if state.shape != (len(RADAR),):
         raise InputError(
             f"radar state must have shape ({len(RADAR)},) for {', '.join(RADAR)}, got {state.shape}"
@@ -259,5 +252,4 @@ def _checked_state(values: ArrayLike) -> FloatArray:
     check_finite("radar", state)
     if not state[CONSTANT] > 0:
         raise InputError(f"radar constants must be greater than 0, got {state[CONSTANT]:g}")
-    state.flags.writeable = False
     return state

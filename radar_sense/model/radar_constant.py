@@ -87,12 +87,9 @@ class Tolerance:
         return factor
 
     def moment(self, order: int) -> float:
-        """Return the mean of the factor raised to an order.
-
-        The mean has a closed form for Gaussian decibels. Otherwise it is a quadrature.
-        """
-        if self.decibels and not self.rectangular:
-            return _log_normal_moment(order, self.slope)
+        """Return the mean of the factor raised to an order, by quadrature if not in closed form."""
+        if self.decibels and not self.rectangular:  # log-normal; about 1e308 where it is larger
+            return math.exp(min(0.5 * (order * self.slope) ** 2, 709.0))
         relative = 0.1 if self.decibels else self.std / self.value
         lowest = LOWEST_DIVISOR if self.power < 0 else -1.0 / max(relative, 0.1)
         lowest = -10.0 if self.rectangular else lowest
@@ -195,32 +192,9 @@ def shape(tolerances: Sequence[Tolerance]) -> Shape:
 
     Means of powers of independent factors multiply: E c^n = Π E f_k^n.
     """
-    moments = (math.prod(tolerance.moment(n) for tolerance in tolerances) for n in (1, 2, 3))
-    return _shape(*moments)
-
-
-def describe(constant: float, tolerances: Sequence[Tolerance]) -> str:
-    """Return a sentence with the moments of c_r, exactly and to first order."""
-    exact, first_order = shape(tolerances), constant * relative_std(tolerances)
-    return (
-        f"c_r has mean {constant * exact.mean:.4g}, standard deviation {constant * exact.std:.4g} "
-        f"(first order {first_order:.4g}), skewness {exact.skewness:.2f}"
+    first, second, third = (
+        math.prod(tolerance.moment(n) for tolerance in tolerances) for n in (1, 2, 3)
     )
-
-
-@lru_cache
-def _legendre(points: int) -> tuple[FloatArray, FloatArray]:
-    """Return points and weights of Gauss-Legendre quadrature, which take 15 ms to compute."""
-    return np.polynomial.legendre.leggauss(points)
-
-
-def _log_normal_moment(order: int, std: float) -> float:
-    """Return E x^n of a log-normal x with median 1; about 1e308 where it is larger."""
-    return math.exp(min(0.5 * (order * std) ** 2, 709.0))
-
-
-def _shape(first: float, second: float, third: float) -> Shape:
-    """Return the shape of a quantity from its first three moments about 0."""
     if not third < 1e300:  # no other power below overflows: none is larger than the third moment
         return Shape(math.inf, math.inf, math.inf)
     variance = max(second - first * first, 0.0)
@@ -228,3 +202,9 @@ def _shape(first: float, second: float, third: float) -> Shape:
         return Shape(first, 0.0, 0.0)
     skewness = (third - 3.0 * first * variance - first**3) / variance**1.5
     return Shape(first, math.sqrt(variance), skewness)
+
+
+@lru_cache
+def _legendre(points: int) -> tuple[FloatArray, FloatArray]:
+    """Return points and weights of Gauss-Legendre quadrature, which take 15 ms to compute."""
+    return np.polynomial.legendre.leggauss(points)

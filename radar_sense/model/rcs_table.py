@@ -36,7 +36,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import LARGEST, POSITIVE, SMALLEST, Limit, check_number
 from radar_sense.model.geometry import elevation_of, join, split
 from radar_sense.model.rcs import rcs_model
-from radar_sense.states import FloatArray, real_array
+from radar_sense.states import FloatArray, read_only
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -101,9 +101,7 @@ class TableRCS:
     def __post_init__(self) -> None:
         for name in ("azimuth", "rcs", "elevation", "std_db"):
             if getattr(self, name) is not None:
-                values = real_array(name, getattr(self, name)).copy()
-                values.flags.writeable = False
-                object.__setattr__(self, name, values)
+                object.__setattr__(self, name, read_only(name, getattr(self, name)))
         self._check()
         around = _Axis.closed(self.azimuth)
         upward = None if self.elevation is None else _Axis.of(self.elevation, periodic=False)
