@@ -18,6 +18,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,12 +188,12 @@ def places(scenario: Scenario) -> FloatArray:
         place = np.sort(np.append(place, _middles(place)[coarse]))
     found = [place]
     for i, radar in enumerate(nominal.radars):
-        closest = _maxima(nominal, place, lambda s, i=i: -_distance(s, i))  # type: ignore[misc]
+        closest = _maxima(nominal, place, partial(_nearness, number=i))
         found.append(closest)
         if radar.limited:
-            edges = np.union1d(place, closest)
-            inmost = _maxima(nominal, edges, lambda s, i=i: _margin(s, i))  # type: ignore[misc]
-            found += [inmost, _crossings(nominal, np.union1d(edges, inmost), i)]
+            edges, margin = np.union1d(place, closest), partial(_margin, number=i)
+            inmost = _maxima(nominal, edges, margin)
+            found += [inmost, _crossings(nominal, np.union1d(edges, inmost), margin)]
     return np.unique(np.concatenate(found))
 
 
@@ -201,9 +202,9 @@ def _nominal(scenario: Scenario) -> Scenario:
     return scenario.along(dataclasses.replace(scenario.geometry, covariance=CERTAIN))
 
 
-def _distance(poses: Scenario, number: int) -> FloatArray:
-    """Return the slant range (n,) [m] of a radar."""
-    return slant_range(poses.aircraft, poses.radar_states[number])
+def _nearness(poses: Scenario, number: int) -> FloatArray:
+    """Return minus the slant range (n,) [m] of a radar."""
+    return -slant_range(poses.aircraft, poses.radar_states[number])
 
 
 def _margin(poses: Scenario, number: int) -> FloatArray:
@@ -228,20 +229,18 @@ def _maxima(
     return np.clip(np.round(found, DECIMALS), place[0], place[-1])
 
 
-def _crossings(scenario: Scenario, place: FloatArray, number: int) -> FloatArray:
-    """Return the places on both sides of each crossing of a limit of a radar."""
-
-    def inside(poses: Scenario) -> FloatArray:
-        return (_margin(poses, number) >= 0).astype(float)
-
-    seen = inside(along(scenario, place))
+def _crossings(
+    scenario: Scenario, place: FloatArray, margin: Callable[[Scenario], FloatArray]
+) -> FloatArray:
+    """Return the places on both sides of each crossing of a limit, where a margin changes sign."""
+    seen = margin(along(scenario, place)) >= 0
     crossing = np.flatnonzero(seen[1:] != seen[:-1])
     low, high = place[crossing], place[crossing + 1]
     if not crossing.size:
         return low
     for _ in range(SEARCH):
         middle = 0.5 * (low + high)
-        same = _in_any_order(scenario, middle, inside) == seen[crossing]
+        same = (_in_any_order(scenario, middle, margin) >= 0) == seen[crossing]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     unit = 10.0**-DECIMALS
     return np.concatenate([np.floor(low / unit) * unit, np.ceil(high / unit) * unit])

@@ -152,7 +152,7 @@ def _unreliable(around: Rays, band: list[FloatArray], method: str, k: float) -> 
     unreliable = np.zeros(len(around.bearing), dtype=bool)
     for end in band:
         exists = np.nan_to_num(end) > 0
-        at = around.limited_at(np.where(exists, end, FARTHEST))
+        at = around.at(np.where(exists, end, FARTHEST), limits=True)
         moments = propagate_scenario(at, method=method, beta=k)
         unreliable |= exists & unreliable_in_scenario(at, moments, method=method, beta=k)
     return unreliable
@@ -160,7 +160,8 @@ def _unreliable(around: Rays, band: list[FloatArray], method: str, k: float) -> 
 
 def _limit_in_reach(around: Rays, distance: FloatArray) -> NDArray[np.bool_]:
     """Return where (n,) errors may take the aircraft at some distances (n,) beyond a limit."""
-    at = around.limited_at(np.where(np.nan_to_num(distance) > 0, distance, FARTHEST))
+    reached = np.where(np.nan_to_num(distance) > 0, distance, FARTHEST)
+    at = around.at(reached, limits=True)
     return np.asarray(at.states().sight[:, 0] != ALWAYS)
 
 
@@ -176,7 +177,7 @@ def _by_draws(
     upper, limit = int(beta > 0), np.full(len(guess), FARTHEST)
 
     def drawn(draws: int, rays: Rays, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        ends, errors = estimate(rays.limited_at(distance).states(), draws, abs(beta)).bounds
+        ends, errors = estimate(rays.at(distance, limits=True).states(), draws, abs(beta)).bounds
         return ends[upper], errors[upper]
 
     guess = np.where(np.isnan(guess), first_guess(seen, value, beta), guess)

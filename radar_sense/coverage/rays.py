@@ -93,15 +93,12 @@ class Rays:
         states[..., ATTITUDE] = geodesy.turned_attitude(states[..., ATTITUDE], turn)
         return states
 
-    def at(self, distance: FloatArray) -> Scenario:
-        """Return the scenario with the poses at distances (n,) or (n, k), all in one row."""
-        return self._at(self.scenario, distance)
+    def at(self, distance: FloatArray, *, limits: bool = False) -> Scenario:
+        """Return the scenario with the poses at distances (n,) or (n, k), all in one row.
 
-    def limited_at(self, distance: FloatArray) -> Scenario:
-        """Return what `at` returns with the limits of the radar, which errors may cross."""
-        return self._at(self.limited, distance)
-
-    def _at(self, scenario: Scenario, distance: FloatArray) -> Scenario:
+        It is without the limits of the radar, or with those, which errors may cross.
+        """
+        scenario = self.limited if limits else self.scenario
         return scenario.at_states(self.states(distance.reshape(len(self.bearing), -1)))
 
     def slant_range(self, distance: FloatArray) -> FloatArray:
@@ -115,16 +112,10 @@ class Rays:
             self, bearing=self.bearing[rays], yaw=self.yaw[rays], aspect=aspect
         )
 
-    def p_d(self, distance: FloatArray) -> FloatArray:
-        """Return P_D (n, k) at distances (n, k), without the limits of the radar."""
-        p_d: FloatArray = self.scenario.model.p_d(self.states(distance), self.scenario.radar)
-        return p_d
-
-    def p_d_and_visible(self, distance: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return `p_d` and `visible` from one computation of the states."""
-        states, radar = self.states(distance), self.scenario.radar
-        visible = self.limited.model.visible(states, radar)[..., 0]
-        return self.scenario.model.p_d(states, radar), visible
+    def p_d(self, distance: FloatArray, *, limits: bool = False) -> FloatArray:
+        """Return P_D (n, k) at distances (n, k), without the limits of the radar or with them."""
+        model = (self.limited if limits else self.scenario).model
+        return model.p_d(self.states(distance), self.scenario.radar)
 
     def visible(self, distance: FloatArray) -> NDArray[np.bool_]:
         """Return where (n, k) distances (n, k) are within the limits of the radar."""
@@ -203,8 +194,7 @@ class Survey:
             inside &= self.visible
 
         def reaches(distance: FloatArray) -> NDArray[np.bool_]:
-            at_distance, visible = rays.p_d_and_visible(distance)
-            return (at_distance >= p_d) & (visible | (not limits))
+            return rays.p_d(distance, limits=limits) >= p_d
 
         near, far = _farthest(inside, self.distance, reaches)
         distance = np.sqrt(near * far)
@@ -228,9 +218,10 @@ def survey(all_rays: Rays) -> Survey:
     p_d, visible = np.empty((count, SAMPLES)), np.empty((count, SAMPLES), dtype=bool)
     for start in range(0, count, _BLOCK):
         block = slice(start, start + _BLOCK)
-        rays = all_rays.part(block)
-        samples = np.broadcast_to(distance, (len(rays.bearing), SAMPLES))
-        p_d[block], visible[block] = rays.p_d_and_visible(samples)
+        rays, radar = all_rays.part(block), all_rays.scenario.radar
+        states = rays.states(np.broadcast_to(distance, (len(rays.bearing), SAMPLES)))
+        p_d[block] = rays.scenario.model.p_d(states, radar)
+        visible[block] = rays.limited.model.visible(states, radar)[..., 0]
     return Survey(all_rays, distance, p_d, visible)
 
 
