@@ -6,7 +6,6 @@ at the deviations that this leads to.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 
@@ -145,15 +144,21 @@ class _Goal:
 
     def _largest(self, names: tuple[str, ...]) -> tuple[float | None, bool]:
         """Return the largest factor by the method, and whether larger factors have a value."""
+        from scipy.optimize import brentq  # slow to import
+
+        undefined: list[float] = []
 
         @cache
         def excess(log_factor: float) -> float:
-            """Return by how much the limit is exceeded at any pose; NaN without a value."""
-            values = self.critical_values(names, float(np.exp(log_factor)))
-            return float(np.max(values)) - self.limit
+            """Return by how much the limit is exceeded at any pose, 1 where there is no value."""
+            value = float(np.max(self.critical_values(names, float(np.exp(log_factor)))))
+            if np.isnan(value):
+                undefined.append(log_factor)
+                return 1.0
+            return value - self.limit
 
-        if not excess(-np.inf) <= 0.0:
-            return None, not np.isnan(excess(-np.inf))
+        if excess(-np.inf) > 0.0:
+            return None, not undefined
         low = high = 0.0
         if excess(0.0) <= 0.0:
             while excess(high) <= 0.0:
@@ -161,11 +166,15 @@ class _Goal:
                     return np.inf, True
                 low, high = high, min(high + STEP, LARGEST_LOG_FACTOR)
         else:
-            while not excess(low) <= 0.0:
+            while excess(low) > 0.0:
                 if low == -LARGEST_LOG_FACTOR:
-                    return 0.0, not np.isnan(excess(low))
+                    return 0.0, low not in undefined
                 low, high = max(low - STEP, -LARGEST_LOG_FACTOR), low
-        return _root(excess, low, high)
+        if excess(low) == 0.0:
+            return float(np.exp(low)), True
+        root = brentq(excess, low, high, xtol=1e-10, rtol=1e-15)
+        known = min(undefined, default=np.inf) > root + 1e-9
+        return float(np.exp(root - 1e-9)), known  # the side within the limit
 
     def _confirmed(
         self, names: tuple[str, ...], factor: float | None, known: bool
@@ -291,33 +300,6 @@ class _Goal:
         at_pose = {name: c.std[0] for name, c in others.items() if name not in names}
         largest = max(at_pose, key=at_pose.__getitem__, default="")
         return largest if at_pose.get(largest, 0.0) > 0 else None
-
-
-def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[float, bool]:
-    """Return the factor at which the excess rises above 0, between the exponentials of two numbers.
-
-    The excess is at most 0 at `low`, and above 0 or NaN at `high`, but for rounding. Also returned
-    is whether the excess has a value at all larger factors that were tried.
-    """
-    from scipy.optimize import brentq  # slow to import
-
-    undefined: list[float] = []
-
-    @cache
-    def defined_excess(log_factor: float) -> float:
-        value = excess(log_factor)
-        if np.isnan(value):  # which is not within the limit
-            undefined.append(log_factor)
-            return 1.0
-        return value
-
-    if not defined_excess(low) < 0:
-        return float(np.exp(low)), True
-    if not defined_excess(high) > 0:
-        return float(np.exp(high - 1e-9)), True
-    root = brentq(defined_excess, low, high, xtol=1e-10, rtol=1e-15)
-    known = not undefined or min(undefined) > root + 1e-9
-    return float(np.exp(root - 1e-9)), known  # the side within the limit
 
 
 def only_at(scenario: Scenario, at: float) -> Scenario:

@@ -43,6 +43,7 @@ from radar_sense.mission.tracks import (
 )
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.parallel import in_order
+from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.progress import report
 from radar_sense.states import AIRCRAFT, FloatArray, of_each
 from radar_sense.streams import Stream, random_stream
@@ -72,26 +73,18 @@ MOST_RANK = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Cumulative:
-    """Probability of an event by each time (K,), and its uncertainty.
+class Cumulative(DrawStatistics):
+    """Statistics of the probability of an event by each time (K,), with bounds at Φ(−k) and Φ(k).
 
     Attributes:
-        p: Probability with the nominal states.
-        mean: Mean over the errors of the states.
-        std: Standard deviation.
-        lower: Bound that the probability falls below with probability Φ(−k).
-        upper: Bound that the probability stays below with probability Φ(k).
         lower_se: Standard error of `lower`.
         upper_se: Standard error of `upper`.
+        p: Probability with the nominal states.
     """
 
-    p: FloatArray
-    mean: FloatArray
-    std: FloatArray
-    lower: FloatArray
-    upper: FloatArray
     lower_se: FloatArray
     upper_se: FloatArray
+    p: FloatArray
 
 
 def recombined_missions(
@@ -395,7 +388,7 @@ def _pooled(ranks: FloatArray, nominal: FloatArray, *replicates: _Weighted) -> C
         np.maximum.accumulate(np.where(certain, p, v)) for v in (mean, lower, upper)
     )
     std, lower_se, upper_se = (np.where(certain, 0.0, v) for v in (std, lower_se, upper_se))
-    return Cumulative(p, mean, std, lower, upper, lower_se, upper_se)
+    return Cumulative(mean, std, lower, upper, lower_se, upper_se, p)
 
 
 def pooled_quantiles(tails: FloatArray, ranks: FloatArray) -> FloatArray:
