@@ -8,6 +8,7 @@ variance 0 where a parameter is certain.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
@@ -79,10 +80,20 @@ def with_errors(array: FloatArray, radars: int, axes: int = 1) -> FloatArray:
     return whole.reshape(shape + (radars * len(RADAR_AND_ERRORS),) * axes)
 
 
-def slices(count: int) -> Iterator[slice]:
-    """Yield slices that together are `count` poses, a block at a time."""
-    for start in range(0, count, BLOCK):
-        yield slice(start, start + BLOCK)
+def slices(count: int, size: int | None = None) -> Iterator[slice]:
+    """Yield slices of a size, by default a block, that together are `count` poses."""
+    size = size or BLOCK
+    for start in range(0, count, size):
+        yield slice(start, start + size)
+
+
+def blocks(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
+    """Yield the slices, one for each axis, that cut an array of a shape into blocks of poses."""
+    if math.prod(shape) <= BLOCK:
+        yield (slice(None),) * len(shape)
+        return
+    for first in slices(shape[0], max(1, BLOCK // math.prod(shape[1:]))):
+        yield from ((first, *rest) for rest in blocks(shape[1:]))
 
 
 def components_first(vectors: FloatArray) -> FloatArray:

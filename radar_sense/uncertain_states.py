@@ -36,6 +36,7 @@ from radar_sense.states import (
     checked_states,
     component,
     of_radar,
+    slices,
     with_errors,
 )
 
@@ -112,8 +113,7 @@ class UncertainStates:
         if len(self) <= size:
             yield self
             return
-        for start in range(0, len(self), size):
-            yield self.at(slice(start, start + size))
+        yield from map(self.at, slices(len(self), size))
 
     def at(self, rows: NDArray[np.intp] | slice) -> UncertainStates:
         """Return the states of some poses."""

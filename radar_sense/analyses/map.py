@@ -28,7 +28,6 @@ from radar_sense.command import (
 from radar_sense.coverage.grid import (
     Grid,
     Plane,
-    blocks_of,
     grid,
     p_d_in_cells,
     places_at,
@@ -50,7 +49,7 @@ from radar_sense.propagation import (
     unreliable_in_scenario,
 )
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, DOWN, FloatArray
+from radar_sense.states import ATTITUDE, DOWN, FloatArray, blocks
 from radar_sense.words import placed, probability, warning
 
 #: Colours of the map and of the route. Their lightness grows with P_D, also in a grey print.
@@ -216,7 +215,7 @@ def _places(
 ) -> tuple[FloatArray, FloatArray]:
     """Return latitude and longitude (rows, columns) [deg] of the cells."""
     places = np.empty((*cells.shape, 2))
-    for rows, columns in blocks_of(cells):
+    for rows, columns in blocks(cells.shape):
         north = cells.north[rows][:, np.newaxis]
         places[rows, columns] = places_at(north, cells.east[columns], pose, origin)[..., :2]
     latitude, longitude = np.rad2deg(np.moveaxis(places, -1, 0))
@@ -240,7 +239,7 @@ def _warnings(
         if isinstance(model.rcs, TableRCS) and model.rcs.elevation is not None
     ]
     outside = 0
-    for block in blocks_of(cells) if tables else ():
+    for block in blocks(cells.shape) if tables else ():
         aircraft = states_in(cells, block, pose, scenario.origin)
         uncovered = [table.uncovered(body_vector(aircraft, radar)) for table, radar in tables]
         outside += int(np.count_nonzero(np.any(uncovered, axis=0)))

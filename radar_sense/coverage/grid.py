@@ -28,7 +28,7 @@ from radar_sense.progress import report
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
-from radar_sense.states import ATTITUDE, BLOCK, DOWN, POSITION, YAW, FloatArray
+from radar_sense.states import ATTITUDE, DOWN, POSITION, YAW, FloatArray, blocks
 
 #: Largest number of cells of a map, which take 100 MB in single precision.
 MAX_CELLS = 25_000_000
@@ -43,9 +43,8 @@ PER_LOBE = 6
 #: Steps of the golden section, which shrink the bracket to 1 in 16,000.
 _SECTIONS = 20
 
-#: A quantity in all cells (rows, columns), and the indices of a block of cells.
+#: A quantity in all cells (rows, columns).
 Plane: TypeAlias = NDArray[np.float32]
-Block: TypeAlias = tuple[slice, slice]
 #: Newton's steps to find the down of a height; the error is 1 mm or less up to 6000 km away.
 _ROUNDS = 8
 #: Error of a height at which Newton's method ends [m]; rounding is 1e-9 m.
@@ -245,16 +244,16 @@ def _in_cells(
     workers: int,
 ) -> list[Plane]:
     """Return planes (rows, columns), computed from the states (..., 6) of each block."""
-    blocks = blocks_of(cells)
+    parts_of_grid = list(blocks(cells.shape))
 
     def compute_block(index: int) -> tuple[FloatArray, ...]:
-        return planes(states_in(cells, blocks[index], pose, scenario.origin))
+        return planes(states_in(cells, parts_of_grid[index], pose, scenario.origin))
 
     filled: list[Plane] = []
     done, total = 0, math.prod(cells.shape)
     report("cells", done, total)
-    results = in_order(compute_block, len(blocks), workers)
-    for block, parts in zip(blocks, results, strict=True):
+    results = in_order(compute_block, len(parts_of_grid), workers)
+    for block, parts in zip(parts_of_grid, results, strict=True):
         filled = filled or [np.empty(cells.shape, dtype=np.float32) for _ in parts]
         for plane, part in zip(filled, parts, strict=True):
             plane[block] = part
@@ -283,20 +282,11 @@ def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) 
     return pose
 
 
-def blocks_of(cells: Grid) -> list[Block]:
-    """Return the blocks of the grid as indices."""
-    rows, columns = cells.shape
-    width = min(columns, BLOCK)
-    height = max(1, BLOCK // width)
-    return [
-        (slice(row, row + height), slice(column, column + width))
-        for row in range(0, rows, height)
-        for column in range(0, columns, width)
-    ]
-
-
 def states_in(
-    cells: Grid, block: Block, pose: FloatArray, origin: tuple[float, float, float] | None
+    cells: Grid,
+    block: tuple[slice, ...],
+    pose: FloatArray,
+    origin: tuple[float, float, float] | None,
 ) -> FloatArray:
     """Return the aircraft states (rows, columns, 6) in a block of the grid."""
     return states_at(cells.north[block[0]][:, np.newaxis], cells.east[block[1]], pose, origin)

@@ -21,7 +21,7 @@ from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
-from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
+from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray, slices
 
 #: Nearest and farthest distance of the search [m].
 NEAREST, FARTHEST = 1.0, 5e6
@@ -216,8 +216,7 @@ def survey(all_rays: Rays) -> Survey:
     distance = np.geomspace(NEAREST, FARTHEST, SAMPLES)
     count = len(all_rays.bearing)
     p_d, visible = np.empty((count, SAMPLES)), np.empty((count, SAMPLES), dtype=bool)
-    for start in range(0, count, _BLOCK):
-        block = slice(start, start + _BLOCK)
+    for block in slices(count, _BLOCK):
         rays, radar = all_rays.part(block), all_rays.scenario.radar
         states = rays.states(np.broadcast_to(distance, (len(rays.bearing), SAMPLES)))
         p_d[block] = rays.scenario.model.p_d(states, radar)

@@ -8,7 +8,7 @@ small enough for all intermediate arrays to stay in the processor's cache.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TypeAlias
@@ -32,6 +32,7 @@ from radar_sense.states import (
     RCS_ERROR,
     TILT_ERROR,
     FloatArray,
+    blocks,
     checked_states,
 )
 
@@ -274,25 +275,13 @@ def _in_blocks(
     if math.prod(shape) <= BLOCK:
         return function(aircraft, radar)
     results: list[FloatArray] = []
-    for block in _blocks(shape):
+    for block in blocks(shape):
         values = function(aircraft[block], radar[block])
         if not results:
             results = [_component_first(shape, value.shape[len(shape) :]) for value in values]
         for result, value in zip(results, values, strict=True):
             result[block] = value
     return tuple(results)
-
-
-def _blocks(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
-    """Yield the slices that cut an array of a shape into parts of at most `BLOCK` elements."""
-    inner = math.prod(shape[1:])
-    together = max(1, BLOCK // max(1, inner))
-    for start in range(0, shape[0], together):
-        first = slice(start, start + together)
-        if inner <= BLOCK:
-            yield (first,)
-        else:
-            yield from ((first, *rest) for rest in _blocks(shape[1:]))
 
 
 def _component_first(shape: tuple[int, ...], tail: tuple[int, ...]) -> FloatArray:

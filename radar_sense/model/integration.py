@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc, betainccinv, betaincinv, comb, gammainc, gammainccinv, gammaln
 
 from radar_sense.errors import InputError
-from radar_sense.states import FloatArray
+from radar_sense.states import FloatArray, slices
 
 #: Terms below exp(−45) = 3e-20 of the largest are left out.
 _NEGLIGIBLE = 45.0
@@ -177,9 +177,7 @@ class PulseSum:
         # a NaN stays one, and ln 0 is −∞ where nothing is beyond the last k
         with np.errstate(divide="ignore", under="ignore", invalid="ignore"):
             factor = 1.0 + k / self.shape
-            rows = max(1, _BLOCK // len(k))
-            for start in range(0, len(mean), rows):
-                block = slice(start, start + rows)
+            for block in slices(len(mean), max(1, _BLOCK // len(k))):
                 m = mean[block, np.newaxis]
                 log_weight = _log_over_zero(k, m, self.shape)
                 terms = log_weight + log_tails

@@ -10,7 +10,7 @@ import numpy as np
 from radar_sense.covariance import component_first, draws
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import NEVER
-from radar_sense.states import BLOCK, CONSTANT, RADAR_AND_ERRORS, FloatArray, of_radar
+from radar_sense.states import BLOCK, CONSTANT, RADAR_AND_ERRORS, FloatArray, of_radar, slices
 from radar_sense.uncertain_states import UncertainStates, in_sight
 
 
@@ -47,9 +47,7 @@ class Sampler:
         for poses, radars, own in self._parts:
             nominal = self.states.aircraft[poses]
             root = sqrt_cov if sqrt_cov.ndim == 2 else sqrt_cov[poses]
-            size = max(1, BLOCK // len(nominal))
-            for start in range(0, len(p_d), size):
-                runs = slice(start, start + size)
+            for runs in slices(len(p_d), max(1, BLOCK // len(nominal))):
                 aircraft = draws(nominal, root, normals[runs, poses])
                 p_d[runs, poses] = radars.unchecked_p_d(aircraft, radar[runs, np.newaxis, own])
         return p_d

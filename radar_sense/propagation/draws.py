@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.propagation.emphasis import Mixture
-from radar_sense.states import FloatArray
+from radar_sense.states import FloatArray, slices
 from radar_sense.streams import Stream, random_stream
 from radar_sense.uncertain_states import UncertainStates
 
@@ -114,8 +114,8 @@ def _draw(
     for start in range(0, draws, DRAWS):
         normals = rng.standard_normal((d, min(DRAWS, draws - start)))
         n = normals.shape[1]
-        for first in range(0, len(states), size):
-            rows, columns = slice(first, first + size), slice(start, start + n)
+        for rows in slices(len(states), size):
+            columns = slice(start, start + n)
             if mixture is None:
                 u = np.broadcast_to(normals, (len(p_d[rows]), d, n))
             else:

@@ -36,6 +36,7 @@ from radar_sense.states import (
     FloatArray,
     component,
     of_radar,
+    slices,
 )
 from radar_sense.uncertain_states import UncertainStates
 
@@ -249,7 +250,7 @@ class StandardNormalSpace:
         n, r = self.sqrt_cov.shape[1:]
         error, by_u = np.empty((n, len(pose))), np.empty((r, len(pose)))
         size = GATHERED // max(1, n * r) + 1
-        parts = [slice(start, start + size) for start in range(0, len(pose), size)]
+        parts = list(slices(len(pose), size))
         for part in parts:
             np.einsum("kij,jk->ik", self.sqrt_cov[pose[part]], u[:, part], out=error[:, part])
         value, by_y = self.probit(error, pose)

@@ -146,7 +146,7 @@ def test_blocks_and_threads_do_not_matter(monkeypatch, compute):
     assert done[0] == ("cells", 0, 12)
     assert done[-1] == ("cells", 12, 12)
     for size, workers in ((1, 2), (3, 1), (4, 3)):
-        monkeypatch.setattr(area, "BLOCK", size)
+        monkeypatch.setattr("radar_sense.states.BLOCK", size)
         for a, b in zip(one, planes(workers), strict=True):
             assert a.tobytes() == b.tobytes()
 

@@ -320,7 +320,8 @@ def test_results_do_not_depend_on_the_block_size(monkeypatch, kind, block):
     model, _, aircraft, radar = random_case(np.random.default_rng(14), kind, 100)
     many, one = model.linearize(aircraft, radar), model.linearize(aircraft, radar[0])
     p_d = model.p_d(aircraft, radar)
-    monkeypatch.setattr("radar_sense.model.detection_model.BLOCK", block)
+    for name in ("states", "model.detection_model"):
+        monkeypatch.setattr(f"radar_sense.{name}.BLOCK", block)
     again = model.linearize(aircraft, radar)
     assert_array_equal(again.p_d, many.p_d)
     assert_array_equal(model.p_d(aircraft, radar), p_d)

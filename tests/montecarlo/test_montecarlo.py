@@ -227,7 +227,8 @@ def test_neither_workers_nor_more_runs_change_a_bit(sampler):
 def test_chunks_do_not_change_a_bit(monkeypatch, chunk):
     s = load_scenario("configs/covariance.yaml")
     before = monte_carlo(s, runs=12)
-    monkeypatch.setattr(model, "BLOCK", chunk)
+    for name in ("states", "model.detection_model"):
+        monkeypatch.setattr(f"radar_sense.{name}.BLOCK", chunk)
     assert_same(before, monte_carlo(s, runs=12))
 
 
