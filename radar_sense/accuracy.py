@@ -37,9 +37,9 @@ STEP = float(np.log(4.0))
 WAY, NEAR = float(np.log(10.0)) / 2.0, 0.005
 #: Standard errors by which draws are sure that a limit is exceeded.
 SURE = 5.0
-#: Part of the limit by which 3σ of the draws may exceed it, their standard error. First order may
-#: be off by `STD_CHANGE`, as elsewhere.
-SLACK, FIRST_ORDER = 0.005, ("linear", "probit")
+#: 3σ of the draws may exceed the limit by `NEAR` of it, their standard error, and by `STD_CHANGE`
+#: of it, as elsewhere, where these methods say it.
+FIRST_ORDER = ("linear", "probit")
 #: Factors are searched from a millionth to a million. A larger factor counts as infinite, and a
 #: smaller factor as 0.
 LARGEST_LOG_FACTOR = float(np.log(1e6))
@@ -282,7 +282,7 @@ class _Goal:
     def _allowed(self) -> float:
         """The limit, and by how much draws may exceed it that confirm a factor by a method."""
         exact = self.k is None and self.method not in FIRST_ORDER
-        return self.limit + (SLACK * self.limit if exact else self._off)
+        return self.limit + (NEAR * self.limit if exact else self._off)
 
     def _largest_other(self, names: tuple[str, ...], pose: int) -> str | None:
         """Return the largest of the other sources; "P_D itself" where it exceeds the limit."""

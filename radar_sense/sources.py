@@ -40,10 +40,9 @@ from radar_sense.uncertain_states import UncertainStates
 #: The gradient for a source counts as zero where the share of the source is below VANISHING times
 #: its largest share.
 VANISHING = 1e-3
-#: Sources within this part of the largest are equal, as they are printed.
+#: Sources within this part of the largest are equal, as they are printed. Shares are printed to
+#: 0.1 % too, and the least that shows is half of it.
 TIE = 1e-3
-#: The least share that is shown, as 0.1 %.
-SHOWN = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +145,7 @@ class Budget:
     def interaction_is_noise(self, method: str) -> bool:
         """Return whether the interaction at the pose may be one of draws or rounding."""
         # σ by draws may have a standard error of STD_CHANGE / ERRORS, its variance twice as much
-        noise = 2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else SHOWN
+        noise = 2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else 0.5 * TIE
         if self.interaction.share_error is not None:
             noise = self.interaction.share_error[self.pose] or noise
         return not abs(self.interaction.share[self.pose]) >= noise

@@ -17,13 +17,12 @@ from numpy.typing import ArrayLike
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG, Limit, check_number
 from radar_sense.model.geometry import Vector, radar_from_aircraft
+from radar_sense.model.radar_equation import NEPERS
 from radar_sense.states import DOWN, FloatArray, read_only
 
 #: Elevations [deg], azimuths [deg], gains relative to the greatest [dB], and tilts [deg].
 ELEVATION, AZIMUTH = Limit(at_least=-90, at_most=90), Limit(at_least=-180, at_most=360)
 GAIN_DB, TILT = Limit(at_least=-200, at_most=0), Limit(at_least=-90, at_most=90)
-#: A gain of 1 dB on the way there and back, in nepers of power.
-_NEPERS = 2.0 * np.log(10.0) / 10.0
 _TURN = 2.0 * np.pi
 _LEVEL = np.eye(3)
 
@@ -143,7 +142,7 @@ class ElevationGain(_Directions):
         # a further node on each side makes the slope 0 at the ends, as it is beyond them
         ends = self.elevation[[0, -1]] + np.diff(self.elevation)[[0, -1]] * [-1.0, 1.0]
         gain = np.pad(self.gain_db, 1, mode="edge")
-        curve = PchipInterpolator(np.insert(ends, 1, self.elevation), _NEPERS * gain)
+        curve = PchipInterpolator(np.insert(ends, 1, self.elevation), 2.0 * NEPERS * gain)
         return curve, curve.derivative()
 
 

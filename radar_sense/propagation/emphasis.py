@@ -196,13 +196,11 @@ def _extremes(
     beta, found = np.repeat(betas, k)[:, np.newaxis], np.zeros((len(betas) * k, states.normals))
     rows = np.arange(len(found))
     for step in range(STEPS):
-        # at u = 0, the gradient is the same for each β
-        u, some = found[rows], states.at(rows % k) if step else states
-        aircraft, radar = (x[:, 0] for x in some.at_normals(u[: len(some), :, np.newaxis]))
+        u, some = found[rows], states.at(rows % k)
+        aircraft, radar = (x[:, 0] for x in some.at_normals(u[:, :, np.newaxis]))
         constants, nominal = radar[:, which], some.radar[:, which]
         np.maximum(constants, LEAST_CONSTANT * nominal, out=constants)
         by_u = some.by_normals(*gradient(some, aircraft, radar), radar)
-        by_u = by_u if step else np.tile(by_u, (len(betas), 1))
         length = np.sqrt(np.sum(by_u * by_u, axis=1, keepdims=True))
         with np.errstate(divide="ignore", invalid="ignore"):
             new = beta[rows] * by_u / length
