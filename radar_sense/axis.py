@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.errors import InputError
-from radar_sense.states import FloatArray
+from radar_sense.states import FloatArray, ReadOnly
 
 
 @dataclass(frozen=True, eq=False)
-class Axis:
+class Axis(ReadOnly):
     """The coordinate of the poses in tables, figures and words, in one unit.
 
     Attributes:

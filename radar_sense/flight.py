@@ -22,7 +22,7 @@ from radar_sense.errors import InputError
 from radar_sense.model.geometry import orbit
 from radar_sense.model.track import covariance_in_frame, square_root_in_frame
 from radar_sense.model.trajectory import Route, interpolate
-from radar_sense.states import ATTITUDE, FloatArray, real_array
+from radar_sense.states import ATTITUDE, FloatArray, ReadOnly, real_array
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -33,7 +33,7 @@ CERTAIN.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)
-class Geometry:
+class Geometry(ReadOnly):
     """Poses of the aircraft along an axis.
 
     Attributes:

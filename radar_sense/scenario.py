@@ -412,12 +412,6 @@ class Scenario:
     def __getstate__(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
 
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        vars(self).update(state)
-        for array in (self.aircraft, self.cov_aircraft, self.time_s, self.axis.values):
-            if array is not None:
-                array.flags.writeable = False
-
 
 #: The fields that a file makes, and those that its section `analysis` chooses.
 _OF_FILE = ("radars", "geometry", "rcs_db", "correlation_s")

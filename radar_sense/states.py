@@ -9,8 +9,8 @@ variance 0 where a parameter is certain.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import TypeAlias
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -125,6 +125,16 @@ def read_only(name: str, values: ArrayLike) -> FloatArray:
     array = real_array(name, values).copy()
     array.flags.writeable = False
     return array
+
+
+class ReadOnly:
+    """A class whose arrays are read-only again after they were pickled."""
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        vars(self).update(state)
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
 
 
 def checked_states(

@@ -18,7 +18,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import DEG, Limit, check_number
 from radar_sense.model.geometry import Vector, radar_from_aircraft
 from radar_sense.model.radar_equation import NEPERS
-from radar_sense.states import DOWN, FloatArray, read_only
+from radar_sense.states import DOWN, FloatArray, ReadOnly, read_only
 
 #: Elevations [deg], azimuths [deg], gains relative to the greatest [dB], and tilts [deg].
 ELEVATION, AZIMUTH = Limit(at_least=-90, at_most=90), Limit(at_least=-180, at_most=360)
@@ -28,7 +28,7 @@ _LEVEL = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
-class _Directions:
+class _Directions(ReadOnly):
     """Values over a rising angle, in level axes.
 
     Attributes:
@@ -57,11 +57,6 @@ class _Directions:
     def detail(self) -> float:
         """Least distance [rad] of neighbouring nodes."""
         return float(np.diff(getattr(self, next(iter(self.NODES)))).min())
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        vars(self).update(state)
-        for name in (*self.NODES, "axes"):
-            getattr(self, name).flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,6 +34,7 @@ from radar_sense.states import (
     RADAR_AND_ERRORS,
     TILT_ERROR,
     FloatArray,
+    ReadOnly,
     check_finite,
     read_only,
 )
@@ -43,7 +44,7 @@ NEVER, PERHAPS, ALWAYS = np.arange(3, dtype=np.int8)
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class Level(ReadOnly):
     """The uncertainty of a radar at one level.
 
     Attributes:
@@ -72,13 +73,9 @@ class Level:
         object.__setattr__(self, "tolerances", tuple(self.tolerances))
         check_parameters(self)
 
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        vars(self).update(state)
-        self.covariance.flags.writeable = False
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Radar:
+class Radar(ReadOnly):
     """One radar at every level of its uncertainty.
 
     A radar without state and levels is physics alone, for a `NetworkModel`.
@@ -166,10 +163,7 @@ class Radar:
         return {**vars(self), "levels": dict(self.levels)}  # a mapping proxy cannot be pickled
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
-        vars(self).update(state)
-        vars(self)["levels"] = MappingProxyType(state["levels"])
-        if self.state is not None:
-            self.state.flags.writeable = False
+        super().__setstate__({**state, "levels": MappingProxyType(state["levels"])})
 
     def visible(
         self, aircraft: ArrayLike, radar: ArrayLike, height: FloatArray | None = None

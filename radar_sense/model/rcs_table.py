@@ -36,7 +36,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import LARGEST, POSITIVE, SMALLEST, Limit, check_number
 from radar_sense.model.geometry import elevation_of, join, split
 from radar_sense.model.rcs import rcs_model
-from radar_sense.states import FloatArray, read_only
+from radar_sense.states import FloatArray, ReadOnly, read_only
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -66,7 +66,7 @@ POLE = np.deg2rad(90.0 - 1e-9)
 
 @rcs_model("table")
 @dataclass(frozen=True, eq=False, repr=False)
-class TableRCS:
+class TableRCS(ReadOnly):
     """A cross section that is tabulated over azimuth, or over azimuth and elevation.
 
     Straight above and below the aircraft, λ is undefined. A table without elevations there uses

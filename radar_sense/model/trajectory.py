@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
 from radar_sense.model.track import attitude_of_motion, covariance_in_frame, turn_to_origin
-from radar_sense.states import POSITION, FloatArray, slices
+from radar_sense.states import POSITION, FloatArray, ReadOnly, slices
 
 #: Most poses of a route.
 MAX_ROWS = 1_000_000
@@ -25,7 +25,7 @@ _TOP_DIFFERENCES = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Route:
+class Route(ReadOnly):
     """The poses of an aircraft along a path, in SI units and radians, in one north-east-down frame.
 
     Its arrays are read-only.
