@@ -42,6 +42,7 @@ from radar_sense.states import (
     RADAR,
     RCS_ERROR,
     FloatArray,
+    check_finite,
     component,
     read_only,
     with_errors,
@@ -143,9 +144,7 @@ class Scenario:
                 f"aircraft must have shape (n, {len(AIRCRAFT)}) for {', '.join(AIRCRAFT)}, "
                 f"got {self.aircraft.shape}"
             )
-        finite = np.isfinite(self.aircraft)
-        if not finite.all():
-            raise InputError(f"aircraft must be finite, got {self.aircraft[~finite][0]}")
+        check_finite("aircraft", self.aircraft)
         if not isinstance(self.axis, Axis):
             raise InputError(f"axis must be an Axis, got {self.axis!r}")
         along = {"axis": self.axis.values}

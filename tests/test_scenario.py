@@ -188,7 +188,10 @@ WRONG = {
     "columns": (lambda: arguments(np.zeros((2, 5))), r"aircraft must have .* \(n, 6\) .* \(2, 5\)"),
     "no poses": (lambda: arguments(np.zeros((0, 6))), "aircraft must have shape"),
     "text": (lambda: arguments([["a"] * 6]), "aircraft must be an array of real numbers, got <U1"),
-    "NaN": (lambda: arguments([[0, 0, math.nan, 0, 0, 0]]), "aircraft must be finite, got nan"),
+    "NaN": (
+        lambda: arguments([[0, 0, math.nan, 0, 0, 0]]),
+        "aircraft states must be finite, got nan for down",
+    ),
     "radar": (lambda: radar([0, 0, 0]), r"radar state must have shape \(4,\) for .* got \(3,\)"),
     "infinite": (lambda: radar([0, 0, math.inf, 1]), "radar states must be finite, got inf"),
     "constant": (lambda: radar([0, 0, 0, -1]), "radar constants must be greater than 0, got -1"),
