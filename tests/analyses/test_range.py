@@ -14,6 +14,7 @@ from scipy.special import ndtr
 import radar_sense as rs
 from radar_sense.analyses.range import detection_range
 from radar_sense.axis import Axis
+from radar_sense.coverage.ranges import detection_ranges
 from radar_sense.coverage.rays import FARTHEST, rays, survey
 from radar_sense.model.horizon import horizon_range
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
@@ -26,6 +27,13 @@ QUICK = {"step_deg": 90.0}
 
 def column(result, name):
     return result.table[name]
+
+
+def on_rays(s, *bearings_deg, p_d=0.5):
+    """The range by `automatic` on some rays: the rows of a table, which has four at least."""
+    seen = survey(rays(s, np.deg2rad(bearings_deg), by_aspect=False, down=None, course=None))
+    (found,) = detection_ranges(seen, [p_d], "automatic", 3.0)
+    return found
 
 
 @pytest.mark.parametrize(("constant", "km"), [(50, 399.513), (20, 317.721)])
@@ -179,7 +187,7 @@ def test_the_deviation_is_of_the_gauss_hermite_rule():
 @pytest.mark.all_draws
 def test_a_band_is_unreliable_where_one_of_its_ends_is():
     s = scenario().with_analysis(level="high")
-    result = detection_range(s, p_d=0.5, method="probit", step_deg=20.0)
+    result = detection_range(s, p_d=0.5, method="probit", step_deg=40.0)
     angle = np.deg2rad(result.table["bearing_deg"])
     of_ends = []
     for end in ("lower", "upper"):
@@ -255,8 +263,8 @@ def test_p_d_is_above_p_fa_of_every_radar():
 
 def test_each_radar_of_a_network_has_a_range():
     s = rs.load_scenario("configs/network.yaml")
-    together = detection_range(s, p_d=0.9, step_deg=60)
-    alone = detection_range(s, p_d=0.9, step_deg=60, radar="ridge")
+    together = detection_range(s, p_d=0.9, method="form", **QUICK)
+    alone = detection_range(s, p_d=0.9, method="form", **QUICK, radar="ridge")
     for name in ("range_m_0.9", "sigma_range_m_0.9", "upper_3sigma_m_0.9"):
         assert (together.table[f"{name}_ridge"] == alone.table[name]).all()
 
@@ -283,13 +291,13 @@ def test_a_band_by_draws_ends_at_the_limit_of_the_radar():
     """A table of narrow lobes, where draws replace form, and a maximum range within the band."""
     rcs = {"model": "spikeball", "lobes": 40, "amplitude_m2": 0.5, "floor_m2": 0.01}
     free = scenario(aircraft__rcs=rcs, analysis={"level": "high"})
-    wide = detection_range(free, **QUICK).table
-    limit = 0.5 * float(wide["range_m_0.5"].max() + wide["upper_3sigma_m_0.5"].max())
+    wide = on_rays(free, 0)
+    limit = 0.5 * float(wide.slant[0] + wide.upper[0])
     s = scenario(aircraft__rcs=rcs, analysis={"level": "high"}, radar__max_range_km=limit / 1e3)
-    result = detection_range(s, **QUICK)
-    assert result.warnings == ()
+    found = on_rays(s, 0)
+    assert not found.unreliable.any()
     # the error of the radar's position moves the limit by three times 1000 m
-    assert result.table["upper_3sigma_m_0.5"].max() == pytest.approx(limit + 3e3, abs=500)
+    assert found.upper == pytest.approx(limit + 3e3, abs=500)
 
 
 @pytest.mark.all_draws
@@ -311,15 +319,15 @@ def test_the_band_has_the_errors_of_a_horizon(constant):
         uncertainty__aircraft={"position_m": [10, 10, 25], "attitude_deg": 1},
         uncertainty__radar={"medium": {"position_m": 1, "constant": 0.01 * constant}},
     )
-    table = detection_range(s, method="automatic", step_deg=90).table
+    found = on_rays(s, 0)
     root = math.sqrt(2 * 4 / 3 * 6_371_000)
     lower, upper = (root * (math.sqrt(100 + sign * 75) + math.sqrt(20)) for sign in (-1, 1))
-    assert table["lower_3sigma_m_0.5"] == pytest.approx(lower, rel=0.015)
+    assert found.lower == pytest.approx(lower, rel=0.015)
     if constant == 20:
-        assert table["upper_3sigma_m_0.5"] == pytest.approx(upper, rel=0.015)
+        assert found.upper == pytest.approx(upper, rel=0.015)
     else:
-        assert table["upper_3sigma_m_0.5"].max() < 54e3
-    assert np.isnan(table["sigma_range_m_0.5"]).all()  # cut off by the horizon
+        assert found.upper < 54e3
+    assert np.isnan(found.std).all()  # cut off by the horizon
 
 
 @pytest.mark.parametrize("metres", [80, 20_000])
@@ -334,15 +342,16 @@ def test_where_form_fails_the_bounds_are_those_of_plain_draws(metres):
     document["uncertainty"]["aircraft"] = {"position_m": metres, "attitude_deg": 8}
     document["aircraft"]["rcs"]["file"] = str(configs / document["aircraft"]["rcs"]["file"])
     s = parse_scenario(yaml.safe_dump(document)).with_analysis(level="high")
-    result = detection_range(s, p_d=0.5, step_deg=90)
-    table, rng, n = result.table, np.random.default_rng(5), 60_000
+    bearings = np.deg2rad([0, 90])
+    found = on_rays(s, 0, 90)
+    rng, n = np.random.default_rng(5), 60_000
     root = np.linalg.cholesky(s.cov_aircraft)
     radars = s.radar + rng.standard_normal((n, 4)) * np.sqrt(np.diag(s.cov_radar))
     radars[:, 3] = np.maximum(radars[:, 3], 0)
     for end, tail in (("lower", 1 - ndtr(-3)), ("upper", ndtr(-3))):
-        slant = np.asarray(table[f"{end}_3sigma_m_0.5"])
+        slant = getattr(found, end)
         assert np.isfinite(slant).all()
-        for bearing, r in zip(np.deg2rad(table["bearing_deg"]), slant, strict=True):
+        for bearing, r, warned in zip(bearings, slant, found.unreliable, strict=True):
             pose = s.aircraft[0].copy()
             shares = []
             for off in (0.96, 1.04):
@@ -352,7 +361,7 @@ def test_where_form_fails_the_bounds_are_those_of_plain_draws(metres):
                 shares.append(np.mean(s.model.p_d(states, radars) > 0.5))
             error = 4 * math.sqrt(tail * (1 - tail) / n)
             within = shares[1] - error <= tail <= shares[0] + error
-            assert within or (r == 0 and shares[0] < tail) or result.warnings
+            assert within or (r == 0 and shares[0] < tail) or warned
 
 
 @pytest.mark.all_draws
@@ -387,10 +396,8 @@ def test_a_lower_bound_is_right_or_warned_of():
         },
         analysis={"level": "s", "method": "automatic"},
     )
-    result = detection_range(s, step_deg=90.0)
-    lower = column(result, "lower_3sigma_m_0.5")[1]
-    warned = any("at all 4 bearings" in w or " 90 " in w for w in result.warnings)
-    assert warned or lower == pytest.approx(2775, rel=0.02)
+    found = on_rays(s, 90)
+    assert found.unreliable[0] or found.lower == pytest.approx(2775, rel=0.02)
 
 
 def test_the_band_of_a_figure_has_the_bounds_of_the_table():
