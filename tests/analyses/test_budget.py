@@ -313,7 +313,14 @@ analysis: {level: s}
 """
 
 
-def three_sigma_at_a_limit(near, edge, aircraft, runs=400_000):
+def required(s, limit, *names):
+    """The accuracy of some of the sources, by draws where `form` is off."""
+    goal = module._Goal(s, limit, None, "automatic")
+    every = tuple(error_budget(s).sources)
+    return {name: goal.required(every if name == "all" else (name,)) for name in names}
+
+
+def three_sigma_at_a_limit(near, edge, aircraft, runs=100_000):
     """3 sigma of P_D of `AT_A_LIMIT`, with factors on the deviations, by plain draws."""
     rng, missed = np.random.default_rng(7), 1.0
     at = np.array([151e3, 0, -3000]) + 10 * aircraft * rng.standard_normal((runs, 3))
@@ -336,17 +343,16 @@ def test_a_limit_in_reach_of_errors_bounds_the_factors(monkeypatch):
     s = parse_scenario(AT_A_LIMIT)
     assert three_sigma_at_a_limit(1, 1, 1) > 0.25
     assert three_sigma_at_a_limit(1, 1e6, 1) < 0.1
-    required = required_accuracies(s, 0.2, method="automatic")
-    for name in ("near", "aircraft_position", "aircraft_orientation"):
-        found = required[name]
-        assert (found.factor, found.known) == (None, True)
-        assert found.residual_from == "edge"
-        assert found.residual == pytest.approx(0.278, rel=0.12)
+    found_at = required(s, 0.2, "aircraft_position", "edge", "all")
+    alone = found_at["aircraft_position"]
+    assert (alone.factor, alone.known) == (None, True)
+    assert alone.residual_from == "edge"
+    assert alone.residual == pytest.approx(0.278, rel=0.12)
     for name in ("edge", "all"):
-        factor = required[name].factor
+        factor = found_at[name].factor
         own = (1, factor, 1) if name == "edge" else (factor,) * 3
         assert three_sigma_at_a_limit(*own) == pytest.approx(0.2, rel=0.1)
-    grown = required_accuracies(s, 0.5, method="automatic")
+    grown = required(s, 0.5, "edge", "aircraft_orientation", "aircraft_position")
     assert three_sigma_at_a_limit(1, grown["edge"].factor, 1) == pytest.approx(0.5, rel=0.1)
     assert grown["aircraft_orientation"].factor == np.inf
     assert three_sigma_at_a_limit(1, 1, grown["aircraft_position"].factor) < 0.55
@@ -374,6 +380,7 @@ def test_a_growth_that_meets_a_limit_is_not_allowed(monkeypatch):
 def test_draws_find_the_poses_at_which_they_verify(monkeypatch):
     """Of 31 poses on a line one is 30 m beyond the limit, with errors of 100 m."""
     monkeypatch.setattr(module, "PRECISE", 4096)
+    monkeypatch.setattr(module, "VERIFIED", 1)
     content = yaml.safe_load(AT_A_LIMIT)
     del content["radars"][0]
     content["radars"][0]["uncertainty"]["s"]["position_m"] = 100
@@ -384,7 +391,7 @@ def test_draws_find_the_poses_at_which_they_verify(monkeypatch):
         "azimuth_from": "north",
     }
     content["geometry"]["range_km"] = {"start": 120, "stop": 180, "step": 2}
-    found = required_accuracies(parse_scenario(yaml_text(content)), 0.3, method="automatic")["all"]
+    found = required(parse_scenario(yaml_text(content)), 0.3, "all")["all"]
     beyond = np.hypot(150e3, 2980) - 150e3
     # P_D is 1 within the limit and 0 beyond, which has the variance q (1 - q)
     inside = norm.sf(beyond / (found.factor * np.hypot(100, 10)))
