@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+from helpers import few_draws, small_batches
 
 import radar_sense as rs
 from radar_sense import cli
@@ -18,7 +19,11 @@ make_reference = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(make_reference)
 
 
-def test_the_committed_files_are_what_is_made():
+@pytest.mark.usefixtures("few_judge")
+def test_the_committed_files_are_what_is_made(monkeypatch):
+    """Names, units and meanings of columns are on the pages, and no numbers."""
+    small_batches(monkeypatch)
+    few_draws(monkeypatch)
     for path, text in make_reference.pages().items():
         assert path.read_text(encoding="utf-8") == text, f"{path.name}: run `make reference`"
 
