@@ -120,7 +120,6 @@ def test_without_docstrings(tool):
 @pytest.mark.parametrize(
     ("args", "shell", "code"),
     [
-        (["variance", "tiny.yaml", "--no-plot"], "2>&-", 0),
         (["variance", "tiny.yaml", "--level", "none"], "2>&- <&-", 2),
         (["check", "tiny.yaml"], ">&-", 0),
     ],

@@ -44,7 +44,7 @@ SHORT = {
     "convergence": {"runs": 16},
     "validate": {"digits": 1},
     "map": {"step_km": 200},
-    "range": {"step_deg": 90},
+    "range": {"step_deg": 90, "method": "form"},
     "mission": {"m": 2, "n": 3},
     "sweep": {"key": "analysis.seed", "start": 1, "stop": 2, "step": 1},
 }
