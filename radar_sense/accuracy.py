@@ -184,6 +184,9 @@ class _Goal:
         σ falls again where a factor scatters the states beyond a limit of a radar. A growth is
         therefore tried on the way, too.
         """
+        smaller = factor and factor < 1.0 and self.method == AUTOMATIC
+        if smaller and self._holds(names, self.limit, 0.0):
+            factor = None  # FORM asks for more than the draws of the threshold test do
         # draws that alone find a factor do not forgive what a method may be off
         holds = partial(self._holds, names, self._allowed if factor else self.limit)
         if not factor:

@@ -98,6 +98,10 @@ WARNINGS: dict[str, str] = {
         "Draws say that sigma by the method is off by more than 5 %. Use the method automatic, "
         "which takes the numbers of the draws there."
     ),
+    "reference-imprecise": (
+        "Few of the draws that `convergence` compares with reach where P_D changes, so sigma of "
+        "P_D and all errors in units of it are rough."
+    ),
     "sigma-zero": ("Nothing is uncertain at these poses, so errors have no unit there."),
     "sources-correlated": (
         "Off-diagonal covariances connect sources, so the squares of their sigmas do not add up "

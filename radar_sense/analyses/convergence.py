@@ -33,6 +33,8 @@ from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.words import placed, warning
 
+#: Standard error of σ of P_D, as a part of it, above which the errors have no sure unit.
+LARGEST_ERROR = 0.1
 #: Limit of the largest number of runs.
 LIMIT = Limit(at_least=2, at_most=2**17, whole=True)
 
@@ -110,7 +112,7 @@ def _cell(error: float, rate: float, random_runs_for_the_same: float) -> str:
 
 
 def _warnings(measured: Convergence) -> Iterator[str]:
-    """Yield warnings of too few runs, and of poses without σ of P_D."""
+    """Yield warnings of too few runs, of poses without σ of P_D, and of a σ that is not known."""
     if (count := len(measured.runs)) < RATE_SIZES:
         shown = f"{count} number{'s' if count > 1 else ''} of runs"
         text = f"{shown} can hardly show a rate; take {2**RATE_SIZES} runs or more"
@@ -119,6 +121,9 @@ def _warnings(measured: Convergence) -> Iterator[str]:
     others = "" if zero.all() else "; the errors are of the other poses"
     text = "sigma of P_D, the unit of the errors, is zero"
     yield from placed("sigma-zero", zero, measured.axis, text, others)
+    if (error := measured.reference_error["std"]) > LARGEST_ERROR:
+        text = f"sigma of P_D, the unit of the errors, is known to {error:.0%} only; take more runs"
+        yield warning("reference-imprecise", text)
 
 
 def _draw(figure: Figure, runs: FloatArray, errors: Mapping[str, Mapping[str, FloatArray]]) -> None:

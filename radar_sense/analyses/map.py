@@ -40,14 +40,8 @@ from radar_sense.limits import FORMATS, MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.plausibility import below_ground
-from radar_sense.propagation import (
-    AUTOMATIC,
-    band_of_scenario,
-    distribution,
-    no_draws,
-    propagate_scenario,
-    unreliable_in_scenario,
-)
+from radar_sense.propagation import AUTOMATIC, band_of_scenario, distribution, no_draws
+from radar_sense.propagation.automatic import ERRORS, LEAST_CHANGE, tolerance_of
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, FloatArray, blocks
 from radar_sense.words import placed, probability, warning
@@ -254,19 +248,22 @@ def _warnings(
 def _unreliable(
     scenario: Scenario, cells: Grid, pose: FloatArray, method: str, k: float
 ) -> Iterator[str]:
-    """Yield a warning if the bound of a method is unreliable in some of the sampled cells."""
+    """Yield a warning if draws say that the bound is off in some of the sampled cells."""
     sample = Grid(*(axis[:: -(-len(axis) // SAMPLED)] for axis in (cells.north, cells.east)))
     everything = slice(None), slice(None)
     checked = scenario.at_states(states_in(sample, everything, pose, scenario.origin))
-    moments = propagate_scenario(checked, method=method, beta=k)
-    off = np.flatnonzero(unreliable_in_scenario(checked, moments, method=method, beta=k))
-    if off.size:
-        true = band_of_scenario(checked.at_poses(off), method=AUTOMATIC, beta=k).upper
-        most = np.nanmax(abs(true - moments.upper[off]), initial=0.0)
+    # the bound alone is shown: it may have a value where the moments have none
+    shown = distribution(checked, method).quantile(k)
+    true = band_of_scenario(checked, method=AUTOMATIC, beta=k)
+    difference = abs(true.upper - shown)
+    tolerance = np.maximum(tolerance_of(true.upper), LEAST_CHANGE)
+    off = difference > tolerance + ERRORS * true.error
+    if off.any():
+        most = difference[off].max()
         remedy = "use variance at poses there" if method == "form" else f"use --method {AUTOMATIC}"
         yield warning(
             "band-off",
-            f"the {method} bound is off in {off.size} of {len(moments.upper)} cells that were "
+            f"the {method} bound is off in {off.sum()} of {off.size} cells that were "
             f"checked, by up to {most:.2g}; {remedy}",
         )
 

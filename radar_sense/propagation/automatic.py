@@ -81,19 +81,19 @@ def judged(
 def of_bounds(found: Estimate) -> tuple[FloatArray, ...]:
     """Return the bounds by draws (2, k), their standard errors, tolerances, and a small noise."""
     drawn, errors = found.bounds
-    return drawn, errors, _tolerance(drawn), np.full_like(drawn, BOUND_CHANGE)
+    return drawn, errors, tolerance_of(drawn), np.full_like(drawn, BOUND_CHANGE)
 
 
 def of_moments(found: Estimate) -> tuple[FloatArray, ...]:
     """Return mean and σ by draws (2, k), their standard errors, tolerances, and a small noise."""
     drawn, errors = found.moments
     of_std = STD_CHANGE * drawn[1]
-    tolerance = np.stack([_tolerance(drawn[0]), of_std])
+    tolerance = np.stack([tolerance_of(drawn[0]), of_std])
     small = np.maximum(of_std, STD_CHANGE * BOUND_CHANGE)
     return drawn, errors, tolerance, np.stack([np.full_like(of_std, BOUND_CHANGE), small])
 
 
-def _tolerance(probability: FloatArray) -> FloatArray:
+def tolerance_of(probability: FloatArray) -> FloatArray:
     """Return by how much (...) a mean or a bound (...) may be off."""
     return np.minimum(PART_OF_BOUND * probability, BOUND_CHANGE)
 

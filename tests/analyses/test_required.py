@@ -51,3 +51,41 @@ def test_sigma_of_few_draws_that_reach_no_limit_is_no_certainty():
     result = rs.analyses.budget(s, method="montecarlo", runs=64)
     assert not any("certain" in line for line in result.report)
     assert any("[sigma-off]" in line for line in result.warnings)
+
+
+def test_a_threshold_that_holds_requires_nothing():
+    """FORM takes the gain as normal, and it is rectangular: its tail ends at 2 dB."""
+    s = scenario(
+        radar={
+            "position_m": [0, 0, 0],
+            "p_fa": 1e-6,
+            "detector": "swerling1",
+            "tracking": {
+                "peak_power_kw": 100,
+                "gain_dbi": 34,
+                "frequency_ghz": 3,
+                "pulse_width_us": 10,
+                "noise_figure_db": 4,
+                "loss_db": 8,
+            },
+        },
+        aircraft={"rcs": {"model": "constant", "rcs_m2": 1.0}, "attitude_deg": [0, 0, 0]},
+        uncertainty={
+            "aircraft": {"position_m": 10, "attitude_deg": 1},
+            "radar": {
+                "now": {
+                    "position_m": 10,
+                    "constant": {"gain_dbi": {"half_width": 2}, "peak_power_kw": 5},
+                }
+            },
+        },
+        geometry__range_km=100,
+        analysis={"level": "now"},
+    ).at_poses(slice(0, 1))
+    form = rs.analyses.variance(s.with_analysis(method="form")).table["upper_3sigma"][0]
+    true = rs.analyses.variance(s).table["upper_3sigma"][0]
+    p_max = round(true + 0.7 * (form - true), 4)
+    assert form > p_max > true
+    assert rs.analyses.variance(s, threshold=p_max).passed
+    required = rs.analyses.budget(s, threshold=p_max).summary["threshold"]["required_accuracy"]
+    assert all(accuracy["factor"] >= 1 for accuracy in required.values()), required
