@@ -130,7 +130,9 @@ def budget(
     result.warnings += words.std_warnings(axis, total.std, off, method)
     if method != MONTE_CARLO:
         words.add_radars_alone(result, {scenario.level: scenario})
-    add_required_accuracy(result, target=target, threshold=threshold, k=k, at=at)
+    add_required_accuracy(
+        result, target=target, threshold=threshold, k=k, probability=probability, at=at
+    )
     result.warnings += words.table_warnings(scenario)
     if method == "linear":  # other methods report the interaction
         # where σ of all sources is not off, the source that first order misses is small

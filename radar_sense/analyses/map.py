@@ -340,8 +340,8 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
 def _pose_in_words(summary: Mapping[str, Any]) -> str:
     """Describe the height and the heading of the aircraft in the cells."""
     # on the earth the level plane of the cell has another roll, pitch and yaw, with rounding
-    roll, pitch, yaw = (round(angle, 9) + 0.0 for angle in summary["attitude_deg"])
+    digits = zip(summary["attitude_deg"], (1, 1, 9), strict=True)
+    roll, pitch, yaw = (round(angle, decimals) + 0.0 for angle, decimals in digits)
     heading = "worst heading" if summary["worst_heading"] else f"heading {yaw:.4g} deg"
-    level = max(abs(roll), abs(pitch)) < 0.05
-    tilt = "" if level else f", roll {roll:.1f} deg, pitch {pitch:.1f} deg"
+    tilt = f", roll {roll:.1f} deg, pitch {pitch:.1f} deg" if roll or pitch else ""
     return f"{0.0 - summary['down_km']:.4g} km above the origin, {heading}{tilt}"

@@ -12,7 +12,7 @@ import numpy as np
 from radar_sense import words
 from radar_sense.acceptance import refinement
 from radar_sense.accuracy import RequiredAccuracy, only_at, required_accuracies
-from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K
+from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition
 from radar_sense.axis import Axis
 from radar_sense.command import Option, Result
 from radar_sense.errors import InputError
@@ -56,6 +56,7 @@ def add_required_accuracy(
     target: float | None,
     threshold: float | None,
     k: float | None,
+    probability: float | None,
     at: float | None,
 ) -> None:
     """Add the largest factor on σ of each source, and of all, at which a limit holds."""
@@ -70,12 +71,11 @@ def add_required_accuracy(
     axis = poses.scenario.axis
     required = required_accuracies(poses.scenario, limit, k=sigmas, method=method)
 
-    value = "3 sigma" if sigmas is None else f"P_D + {sigmas:g} sigma"
+    goal = f"3 sigma <= {limit:g}" if sigmas is None else condition(limit, sigmas, probability)
     place = "at all poses" if at is None else f"at {axis.format(at)}"
     between = f" and at {poses.added} between them" if poses.added else ""
     result.report += [
-        f"for {value} <= {limit:g} {place}{between}, sigma of one source (others unchanged) or of "
-        "all must be:"
+        f"for {goal} {place}{between}, sigma of one source (others unchanged) or of all must be:"
     ]
     if not poses.resolved:
         result.report += [f"  {refinement.unresolved(poses)}"]

@@ -86,7 +86,7 @@ def sweep(
         if len(highest) == 1:
             # The first value tells: how many poses and draws a test takes is not known before.
             rest = (len(values) - 1) * (time.process_time() - started)
-            foresee(f"{len(values) - 1} values more", rest * RATE, less="fewer values")
+            foresee(f"the {len(values) - 1} further values", rest * RATE, less="fewer values")
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
 
     # the column of an entry of a list ends with the number of the entry, and not with the unit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -17,7 +18,7 @@ from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.propagation import AUTOMATIC, Band, Moments, band_of_scenario, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
-from radar_sense.states import POSITION
+from radar_sense.states import POSITION, FloatArray
 
 
 @command(
@@ -87,9 +88,11 @@ def variance(
         for name, (radar, of_radar) in by_radar.items()
         for text in words.validity_warnings(radar, of_radar, method)
     )
-    tested = None
+    tested, each = None, {name: m.p_d for name, (_, m) in by_radar.items()}
     if threshold is not None:
         tested = require_threshold(result, threshold, k, band, probability)
+        singles = single_radar_scenarios(tested.path.scenario).items()
+        each = {name: one.model.p_d(one.aircraft, one.radar) for name, one in singles}
     else:
         result.report += _trust(result, band)
     _add_places(result.table, scenario)
@@ -99,7 +102,7 @@ def variance(
             of_one, ending = words.of_radar(name)
             meaning = f"{of_one}Standard error of the 3-sigma bounds."
             result.table.add(f"error_3sigma{ending}", error, meaning)
-    result.draw = partial(_draw, result=result, band=band, k=k, tested=tested)
+    result.draw = partial(_draw, result=result, band=band, each=each, k=k, tested=tested)
     return result
 
 
@@ -162,23 +165,29 @@ def _add_places(table: Table, scenario: Scenario) -> None:
     table.add("altitude_m", altitude, "Height of the aircraft above the ellipsoid.", "m")
 
 
-def _draw(figure: Figure, result: Result, band: Band, k: float, tested: PathTest | None) -> None:
+def _draw(
+    figure: Figure,
+    result: Result,
+    band: Band,
+    each: Mapping[str, FloatArray],
+    k: float,
+    tested: PathTest | None,
+) -> None:
     """Draw P_D, its band, P_D by each radar, and the threshold, at the poses of the test."""
     from radar_sense import plotting
 
-    scenario, rows = result.scenario, np.arange(len(band.p_d))
+    scenario = result.scenario
     if tested is not None:
-        scenario, rows = tested.path.scenario, tested.path.rows
+        scenario = tested.path.scenario
         band = replace(tested.path.band, upper=tested.test.upper)
-    names = scenario.model.names if len(scenario.radars) > 1 else ()
+    names = list(each)
     by_range = isinstance(scenario.geometry, Radial)
     (axes, *others), x = plotting.pose_panels(figure, 1 + by_range, scenario.axis)
     # Where one radar alone sees the aircraft, the network's line is under the radar's line.
     under = {"lw": plotting.points(2.2), "zorder": 1.8} if names else {}
     plotting.draw_line(axes, x, band.p_d, ("black", "-"), label=r"$P_D$", **under)
     for name, style in plotting.radar_styles(names).items():
-        p_d = result.table[f"p_d_{name}"]
-        plotting.draw_line(axes, x[rows], p_d, style, label=name, lw=plotting.points(0.8))
+        plotting.draw_line(axes, x, each[name], style, label=name, lw=plotting.points(0.8))
     plotting.draw_fill(axes, x, band.lower, band.upper, color=plotting.BAND[0], alpha=0.18, lw=0)
     label = rf"band of ${k:.4g}\,\sigma$ ({scenario.level})"
     plotting.draw_band(axes, x, band.lower, band.upper, label)

@@ -28,7 +28,8 @@ THRESHOLD = Option(
 K = Option("k", "Number of sigma of the band.", SIGMAS, metavar="K", default_text="3")
 PROBABILITY = Option(
     "probability",
-    "Largest P(P_D > P_MAX) that passes the test at a pose, in place of K: 0.01 is K 2.326.",
+    "Largest P(P_D > P_MAX) that passes the test at a pose, in place of K: 0.01, for 99 % "
+    "confidence, is K 2.326.",
     ABOVE,
     metavar="P",
 )
