@@ -158,9 +158,8 @@ def draw(plot: Callable[[Figure], object], footer: str, style: str = DEFAULT_STY
     with apply_style(page):
         figure = Figure(figsize=(page.width, page.width), layout="constrained")
         _STYLE_OF[figure] = page
-        letters = int(_FOOTER_LETTERS * page.width / page.scale / STYLES[DEFAULT_STYLE].width)
         # The layout keeps a label of the figure clear of the axes and their labels.
-        _small_print(figure, "" if page.ieee else "\n".join(textwrap.wrap(footer, letters)))
+        _small_print(figure, "" if page.ieee else footer)
         plot(figure)
         if page.ieee:
             for axes in figure.axes:
@@ -240,8 +239,11 @@ def add_small_print(figure: Figure, text: str) -> None:
 
 
 def _small_print(figure: Figure, text: str) -> None:
+    page = style_of(figure)
+    letters = int(_FOOTER_LETTERS * page.width / page.scale / STYLES[DEFAULT_STYLE].width)
+    wrapped = "\n".join(textwrap.fill(line, letters) for line in text.splitlines())
     label = figure.supxlabel(
-        text, x=0.995, ha="right", fontsize=points(5.5), color="0.45", linespacing=1.0
+        wrapped, x=0.995, ha="right", fontsize=points(5.5), color="0.45", linespacing=1.0
     )
     label.set_parse_math(False)
 

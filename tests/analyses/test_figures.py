@@ -422,3 +422,12 @@ def test_axes_of_ones_own(name):
     if kinds:
         with pytest.raises(ValueError, match="panel 1 of this figure needs axes of"):
             result.plot(ax=plotting.Figure().subplots(count, squeeze=False)[:, 0])
+
+
+def test_long_small_print_is_wrapped():
+    result = analyses.budget(load_scenario("configs/paper.yaml"))
+    figure = result.plot()
+    plotting.add_small_print(figure, "below 1% of the total: " + "a long name, " * 20)
+    lines = figure.get_supxlabel().splitlines()
+    assert len(lines) > 4
+    assert max(map(len, lines)) <= plotting._FOOTER_LETTERS
