@@ -132,7 +132,7 @@ class _Goal:
             largest = int(np.argmax(reached(found)))
             pose, residual = int(rows[largest]), found[largest]
             if factor and factor < np.inf:
-                # FORM grows with a source on and on, P_D only as far as a limit or a tolerance
+                # by FORM a bound grows without end; P_D stops at a limit or the end of a tolerance
                 known &= bool(residual >= self.limit - self._off)
         return RequiredAccuracy(
             factor=factor,
@@ -228,8 +228,8 @@ class _Goal:
     ) -> bool | None:
         """Return whether draws say that the limit holds at a factor; None if they are not sure.
 
-        A bound holds if P_D exceeds the limit with the probability of the bound at most. The poses
-        are those of `_rows` if none are given.
+        A bound holds if P_D exceeds the limit with the probability of the bound at most. Without
+        rows, the poses of `_rows` are judged.
         """
         factor = float(np.exp(log_factor))
         rows = self.rows(names, factor) if rows is None else rows

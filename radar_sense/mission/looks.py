@@ -82,7 +82,7 @@ class Looks:
     def p_d(self, radar: int, poses: FloatArray, states: FloatArray) -> FloatArray:
         """Return P_D (L, paths * draws) of the L looks of a radar, 0 to m − 1.
 
-        Aircraft states are (K, paths, 6), those of the radar (paths, draws, 7).
+        Aircraft states are (K, paths, 6), radar states (paths, draws, 7).
         """
         station = self.scenario.radars[radar]
         # the memory order of the states, component first

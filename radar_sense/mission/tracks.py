@@ -39,7 +39,7 @@ def detection_by_time(
 ) -> FloatArray:
     """Return the probability (T, n) of a detection by some times, with no possible one between.
 
-    P_D is that of each scan group (L, n). The times, 0 to K − 1 (T,), increase.
+    Each scan group has its P_D (L, n). The times, 0 to K − 1 (T,), increase.
     """
     p_c = p_d_by_time(schedule, p_d, times)
     for before, now in pairwise(p_c):
