@@ -382,10 +382,10 @@ def _pooled(ranks: FloatArray, nominal: FloatArray, *replicates: _Weighted) -> C
         for tails in (lowers, uppers)
     )
     # A deviation within rounding is no uncertainty. Each draw grows with time, as do mean and
-    # bounds. The accumulation removes rounding errors.
+    # bounds. The accumulation removes rounding errors, and the sum −0.
     certain = std <= 1e-12 * mean
     mean, lower, upper = (
-        np.maximum.accumulate(np.where(certain, p, v)) for v in (mean, lower, upper)
+        np.maximum.accumulate(np.where(certain, p, v)) + 0.0 for v in (mean, lower, upper)
     )
     std, lower_se, upper_se = (np.where(certain, 0.0, v) for v in (std, lower_se, upper_se))
     return Cumulative(mean, std, lower, upper, lower_se, upper_se, p)
@@ -395,13 +395,17 @@ def pooled_quantiles(tails: FloatArray, ranks: FloatArray) -> FloatArray:
     """Return the quantiles (K,) at the middle rank of the draws of all replicates together.
 
     They follow from the quantiles of each replicate (r, K, q). The mean of these would have the
-    bias of a quantile of few draws.
+    bias of a quantile of few draws. A value that many draws have, such as 0, has the ranks from its
+    first to its last.
     """
     changed = np.append(True, np.any(tails[:, 1:] != tails[:, :-1], axis=(0, 2)))
     quantiles = []
     for of_time in np.moveaxis(tails[:, changed], 1, 0):
-        values = np.sort(of_time, axis=None)
-        rank = sum(np.interp(values, tail, ranks, left=0.0) for tail in of_time) / len(tails)
-        quantiles.append(np.interp(ranks[len(ranks) // 2], rank, values))
+        values = np.unique(of_time)
+        last = sum(np.interp(values, tail, ranks, left=0.0) for tail in of_time)
+        # numpy.interp takes the last of equal values, and so the first from above
+        first = sum(-np.interp(-values, -tail[::-1], -ranks[::-1], right=0.0) for tail in of_time)
+        rank = np.column_stack([first, last]) / len(tails)
+        quantiles.append(np.interp(ranks[len(ranks) // 2], np.ravel(rank), np.repeat(values, 2)))
     # where no radar sees the aircraft, nothing changes
     return np.asarray(np.array(quantiles)[np.cumsum(changed) - 1])

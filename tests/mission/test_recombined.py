@@ -296,6 +296,20 @@ def test_a_pooled_quantile_is_the_one_of_all_draws():
     np.testing.assert_allclose(constant, 0.25, rtol=1e-15)
 
 
+@pytest.mark.parametrize("probability", [2e-4, 4e-4, 1e-3, 1.8e-3, 3e-3])
+def test_a_pooled_quantile_does_not_cross_a_jump(probability):
+    """Most draws are 0, as where a radar rarely sees the aircraft: the quantile is a draw."""
+    rng, share = np.random.default_rng(6), np.full(8192, 1 / 8192)
+    seen = rng.random((8, 20, 8192)) < probability
+    values = np.where(seen, rng.uniform(0.5, 0.6, seen.shape), 0.0)
+    tails = np.array([[upper_tails(row[np.newaxis], share, RANKS)[0] for row in v] for v in values])
+    # within the step from one rank of a replicate to the next
+    near = 1 - ndtr(-3.0) * np.array([1.1, 0.9])
+    low, high = np.quantile(np.concatenate(values, axis=1), near, axis=1)
+    pooled = -pooled_quantiles(-tails, RANKS)
+    assert np.all((low - 0.01 < pooled) & (pooled < high + 0.01))
+
+
 @pytest.mark.usefixtures("_fewer_draws")
 def test_replicates_and_then_runs_are_reported(tmp_path):
     seen = []
