@@ -40,6 +40,8 @@ SURE = 5.0
 #: 3σ of the draws may exceed the limit by `NEAR` of it, their standard error, and by `STD_CHANGE`
 #: of it, as elsewhere, where these methods say it.
 FIRST_ORDER = ("linear", "probit")
+#: `RequiredAccuracy.residual_from` where P_D at the nominal states exceeds the limit.
+P_D_ITSELF = "P_D itself"
 #: Factors are searched from a millionth to a million. A larger factor counts as infinite, and a
 #: smaller factor as 0.
 LARGEST_LOG_FACTOR = float(np.log(1e6))
@@ -55,8 +57,8 @@ class RequiredAccuracy:
             Infinite if a million is within the limit.
         residual: Value at `factor`, or at factor 0 if `factor` is None.
         place: Place of the residual on the scenario's axis.
-        residual_from: Largest of the other sources at the place. "P_D itself" where P_D exceeds the
-            limit. None if all sources are scaled together, or the method knows of no other.
+        residual_from: Largest of the other sources at the place. None if all sources are scaled
+            together, or the method knows of no other. `P_D_ITSELF` if P_D exceeds the limit.
         known: False if a larger factor may do: beyond `factor` there is no value, or no draw has
             confirmed one.
     """
@@ -79,7 +81,8 @@ def required_accuracies(
 
     The method takes the value to grow with the source. Correlations and limits of a radar can
     violate this. Draws verify every factor, at the deviations it leads to and, of a growth, on the
-    way. A factor that they refuse is reduced until they confirm it.
+    way. A factor that they refuse is reduced until they confirm it. Where P_D itself is above the
+    limit of its bound, no accuracy is enough.
 
     Args:
         scenario: The scenario, at its level.
@@ -91,8 +94,15 @@ def required_accuracies(
         The accuracy required of each source, and of each part of a radar constant. The other
         sources are unchanged. "all" scales all sources together.
     """
+    names = sources_of(scenario, SOURCE, PART)
+    p_d = scenario.model.p_d(scenario.aircraft, scenario.radar)
+    if k is not None and np.any(p_d > limit):
+        pose = int(np.argmax(reached(p_d)))
+        place = float(scenario.axis.values[pose])
+        impossible = RequiredAccuracy(None, float(p_d[pose]), place, P_D_ITSELF)
+        return dict.fromkeys((*names, "all"), impossible)
     goal = _Goal(scenario, limit, k, method)
-    by_name = {name: goal.required((name,)) for name in sources_of(scenario, SOURCE, PART)}
+    by_name = {name: goal.required((name,)) for name in names}
     return {**by_name, "all": goal.required(tuple(sources_of(scenario, SOURCE)))}
 
 
@@ -288,10 +298,7 @@ class _Goal:
         return self.limit + (NEAR * self.limit if exact else self._off)
 
     def _largest_other(self, names: tuple[str, ...], pose: int) -> str | None:
-        """Return the largest of the other sources; "P_D itself" where it exceeds the limit."""
-        at = self.scenario.at_poses(slice(pose, pose + 1))
-        if self.k is not None and at.model.p_d(at.aircraft[0], at.radar) > self.limit:
-            return "P_D itself"
+        """Return the largest of the other sources, None if there is none."""
         budget = self.budget_at(pose)
         others = dict(budget.sources)
         # The source of a part is replaced by its parts and, in a network, by the radar's position.

@@ -42,6 +42,8 @@ CHANCE = 0.0005
 #: Probability at one pose that plain runs contradict draws that are right. The pose is then looked
 #: at with more draws.
 ALARM = 1e-4
+#: Decimals of margins that are alike: those that are shown.
+ALIKE = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +104,17 @@ class ThresholdTest:
         return None
 
     @property
-    def worst(self) -> int:
-        """The pose with the least margin, or the first without a bound."""
-        return int(np.argmin(np.where(np.isnan(self.margin), -np.inf, self.margin)))
+    def first_above(self) -> float:
+        """Where the bound is first above P_max: 2.5 is the middle of poses 2 and 3, NaN is nowhere.
+
+        The bound is taken to be linear between poses. A pose without a bound is above.
+        """
+        above = ~(self.margin >= 0)
+        if not above.any():
+            return np.nan
+        pose = int(np.argmax(above))
+        before = pose > 0 and np.isfinite(self.margin[pose])
+        return pose - float(_share_above(self.margin[pose - 1 : pose + 1])[0] if before else 0.0)
 
 
 def _share_above(margin: FloatArray) -> FloatArray:
@@ -190,6 +200,12 @@ class PathTest:
     decision: Decision
     by_draws: NDArray[np.bool_]
     far: NDArray[np.bool_]
+
+    @property
+    def worst(self) -> int:
+        """A pose without a bound, or with the least margin; of several the one of largest P_D."""
+        margin = np.nan_to_num(np.round(self.test.margin, ALIKE), nan=-np.inf)
+        return int(np.lexsort((-self.path.band.p_d, margin))[0])
 
 
 def path_test(scenario: Scenario, method: str, p_max: float, k: float, band: Band) -> PathTest:

@@ -99,7 +99,7 @@ def budget(
     result.report += [f"3 sigma of P_D ({chosen}) at {axis.at(pose)}, and share of its variance:"]
     ranked, below = (
         sorted(group, key=lambda c: np.nan_to_num(-c.three_sigma[pose], nan=np.inf))
-        for group in (sources, (*parts, *finer))
+        for group in (sources, (*finer, *parts))
     )
     rows = [row for c in ranked for row in (c, *(part for part in below if part.part_of == c.name))]
     if not found.interaction_is_noise(method):

@@ -11,7 +11,7 @@ import numpy as np
 
 from radar_sense import words
 from radar_sense.acceptance import refinement
-from radar_sense.accuracy import RequiredAccuracy, only_at, required_accuracies
+from radar_sense.accuracy import P_D_ITSELF, RequiredAccuracy, only_at, required_accuracies
 from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition
 from radar_sense.axis import Axis
 from radar_sense.command import Option, Result
@@ -80,6 +80,8 @@ def add_required_accuracy(
     if not poses.resolved:
         result.report += [f"  {refinement.unresolved(poses)}"]
     short = {name: name.removeprefix("radar_constant_") for name in required}
+    if required["all"].residual_from == P_D_ITSELF:
+        short = {"all": "all"}
     result.report += words.rows(
         {
             label if label == name else f"  {label}": in_words(required[name], axis)
@@ -112,8 +114,8 @@ def in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
     factor = accuracy.factor
     if factor is None and accuracy.known:
         place, source = axis.format(accuracy.place), accuracy.residual_from
-        if source == "P_D itself":
-            return f"impossible: P_D itself is above the limit at {place}"
+        if source == P_D_ITSELF:
+            return f"impossible: P_D itself is above at {place}, no better knowledge helps"
         shown = f", from {source}" if source else ""
         return f"impossible alone ({accuracy.residual:.4f} remains at {place}{shown})"
     if not factor:

@@ -124,7 +124,7 @@ def _add_tests(
     holds, violated = verdicts == "holds", verdicts == "violated"
     runs = [tested.decision.runs for tested in tests]
     for name, numbers, meaning in (
-        ("margin", [t.test.margin[t.test.worst] for t in tests], "P_MAX minus the largest bound."),
+        ("margin", [t.test.margin[t.worst] for t in tests], "P_MAX minus the largest bound."),
         ("violated", violated, "1 where the test is violated at a pose, else 0."),
         ("not_known", ~holds & ~violated, "1 where the test has no answer, else 0."),
         (
@@ -152,9 +152,9 @@ def _add_tests(
     for tested in tests:
         above = tested.decision.runs
         share = words.probability(above.probability.max())
-        shown = share if above.counts.max() else f"in none of {above.runs:,} runs"
+        shown = f"{share} at most" if above.counts.max() else f"in none of {above.runs:,} runs"
         chance = f"P(P_D > {tested.test.p_max:g}) {shown}"
-        worst = tested.path.scenario.axis.at(tested.test.worst)
+        worst = tested.path.scenario.axis.at(tested.worst)
         lines.append(f"{worst_band(tested, k)} at {worst}, {chance}  {tested.test.verdict}")
     return lines
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
+from radar_sense import words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
 from radar_sense.command import Option, Result
@@ -16,7 +17,6 @@ from radar_sense.limits import ABOVE, SIGMAS
 from radar_sense.limits import THRESHOLD as P_MAX
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
-from radar_sense.words import checked, describe_band, describe_poses, probability
 
 THRESHOLD = Option(
     "threshold",
@@ -94,7 +94,7 @@ def require_threshold(
     result.summary["threshold"] = _summary(tested, column, k)
     if probability is not None:
         result.summary["threshold"]["probability"] = probability
-    result.report[:0] = _report(tested, method, k, condition(p_max, k, probability))
+    result.report[:0] = _report(tested, method, k, probability)
     result.passed = test.passed
     return tested
 
@@ -131,7 +131,7 @@ def _summary(tested: PathTest, column: str, k: float) -> dict[str, Any]:
         f"total_{unit}": test.total,
         "share_above": _share(test),
         "first_violation": None if test.first is None else place(test.first),
-        "worst_margin": {"value": float(test.margin[test.worst]), **place(test.worst)},
+        "worst_margin": {"value": float(test.margin[tested.worst]), **place(tested.worst)},
         "highest_probability_above": {
             "value": float(runs.probability[highest]),
             "standard_error": runs.error(int(runs.counts[highest])),
@@ -154,45 +154,43 @@ def _share(test: ThresholdTest) -> float:
     return test.above / test.total if test.total > 0 else float(not test.passed)
 
 
-def _report(tested: PathTest, method: str, k: float, tests: str) -> list[str]:
+def _report(tested: PathTest, method: str, k: float, probability: float | None) -> list[str]:
     test, scenario = tested.test, tested.path.scenario
     axis = scenario.axis
-    lines = [f"{_verdict(tested)}: {tests}"]
+    lines = [f"{_verdict(tested)}: {condition(test.p_max, k, probability)}"]
     if test.violated.any() and test.unknown.any():
-        lines += [f"not known {describe_poses(test.unknown, axis)}"]
+        lines += [f"not known {words.describe_poses(test.unknown, axis)}"]
     if test.unknown.any():
         lines += [_remedy(tested, method)]
-    without = np.isnan(test.margin)
-    if not without.all():
-        place = axis.at(int(np.nanargmin(test.margin)))
-        lines += [f"at the worst pose, {place}: {worst_band(tested, k)}"]
-    above = np.flatnonzero(~(test.margin >= 0))
-    if above.size and test.total > 0 and not without.all():
-        unit = _unit(scenario)
+    known = np.isfinite(test.margin[tested.worst])
+    if known:
+        lines += [f"at the worst pose, {axis.at(tested.worst)}: {worst_band(tested, k)}"]
+    if known and test.total > 0 and np.isfinite(test.first_above):
+        first = axis.format(np.interp(test.first_above, np.arange(len(axis)), axis.values))
         lines += [
-            f"the bound is above {test.p_max:g} for {test.above:.4g} of {test.total:.6g} {unit} "
-            f"({_share(test):.1%}), first at {axis.at(above[0])}"
+            f"the bound is above {test.p_max:g} for {test.above:.4g} of {test.total:.6g} "
+            f"{_unit(scenario)} ({_share(test):.1%}), first at {first}"
         ]
     lines += _probability_lines(tested)
     if test.violated.any():
-        lines += [_why(tested, k)]
+        goal = f"--k {k:g}" if probability is None else f"--probability {probability:g}"
+        lines += [_why(tested, goal)]
     return [*lines, *_trust(tested, method)]
 
 
 def _verdict(tested: PathTest) -> str:
     test, axis = tested.test, tested.path.scenario.axis
     if test.violated.any():
-        return f"VIOLATED {describe_poses(test.violated, axis)}"
+        return f"VIOLATED {words.describe_poses(test.violated, axis)}"
     if test.unknown.any():
-        return f"NOT KNOWN {describe_poses(test.unknown, axis)}"
+        return f"NOT KNOWN {words.describe_poses(test.unknown, axis)}"
     return "holds at every pose" + (" and between them" if tested.path.added else "")
 
 
 def worst_band(tested: PathTest, k: float) -> str:
-    """Return P_D and its band at the pose of the least margin; no numbers without a bound."""
-    test, band = tested.test, tested.path.band
-    pose = int(np.argmin(np.nan_to_num(test.margin, nan=np.inf)))
-    return describe_band(band.p_d[pose], band.lower[pose], test.upper[pose], k)
+    """Return P_D and its band at the worst pose; no numbers without a bound."""
+    pose, band = tested.worst, tested.path.band
+    return words.describe_band(band.p_d[pose], band.lower[pose], tested.test.upper[pose], k)
 
 
 def _remedy(tested: PathTest, method: str) -> str:
@@ -212,15 +210,15 @@ def _remedy(tested: PathTest, method: str) -> str:
     return "  the bound is too near to the threshold for draws to decide"
 
 
-def _why(tested: PathTest, k: float) -> str:
+def _why(tested: PathTest, goal: str) -> str:
     """Return whether P_D itself is above P_max, or only its bound."""
     test, axis, p_d = tested.test, tested.path.scenario.axis, tested.path.band.p_d
-    place = describe_poses(p_d > test.p_max, axis)
+    place = words.describe_poses(p_d > test.p_max, axis)
     if place:
         return f"P_D itself is above {test.p_max:g} {place}: no better knowledge helps there"
     return (
         f"P_D itself stays below: {np.nanmax(p_d):.4f} at most. What to know better, to hold: the "
-        f"command budget with --threshold {test.p_max:g} --k {k:g}"
+        f"command budget with --threshold {test.p_max:g} {goal}"
     )
 
 
@@ -232,7 +230,7 @@ def _probability_lines(tested: PathTest) -> list[str]:
     if not count and not runs.anywhere:
         return [f"{limit}: in none of {runs.runs:,} runs"]
     line = (
-        f"{limit}: {probability(count / runs.runs)} +/- {runs.error(count):.1g} at "
+        f"{limit}: {words.probability(count / runs.runs)} +/- {runs.error(count):.1g} at "
         f"{axis.at(highest)}, where it is highest"
     )
     if len(axis) == 1:
@@ -240,8 +238,8 @@ def _probability_lines(tested: PathTest) -> list[str]:
     if runs.anywhere is None:
         return [line, "P anywhere with correlated errors needs times: use a path"]
     line += (
-        f"; {probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} anywhere "
-        f"({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
+        f"; {words.probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} "
+        f"anywhere ({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
     )
     return [line]
 
@@ -257,7 +255,7 @@ def _trust(tested: PathTest, method: str) -> list[str]:
     """Return how the bounds were computed and checked, and at which poses."""
     scenario, path = tested.path.scenario, tested.path
     count = len(scenario.axis)
-    line = checked(method, count)
+    line = words.checked(method, count)
     if method == AUTOMATIC and tested.by_draws.any():
         line += f"; draws replace form at {np.count_nonzero(tested.by_draws)}"
     if tested.test.passed:

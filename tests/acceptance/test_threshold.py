@@ -19,7 +19,7 @@ def test_margin_and_poses():
     found = threshold_test(upper, 0.5, [0, 1, 2, 4, 8])
     np.testing.assert_allclose(found.margin, [0.4, 0.2, 0, -0.2, 0.1], atol=1e-15)
     np.testing.assert_array_equal(found.violated, [False, False, False, True, False])
-    assert (found.first, found.worst, found.passed) == (3, 3, False)
+    assert (found.first, found.first_above, found.passed) == (3, 2, False)
     # from 2, where the limit is reached, to 4, and then 2/3 of the way to 8
     assert found.above == pytest.approx(2 + 4 * 2 / 3, rel=1e-14)
     assert found.total == 8
@@ -28,6 +28,7 @@ def test_margin_and_poses():
 def test_equal_is_allowed():
     found = threshold_test([0.5, 0.5], 0.5, [0, 3])
     assert (found.passed, found.first, found.above, found.total) == (True, None, 0, 3)
+    assert np.isnan(found.first_above)
 
 
 def test_time_above_is_that_of_the_broken_line():
@@ -40,6 +41,9 @@ def test_time_above_is_that_of_the_broken_line():
         dense = np.linspace(coordinate[0], coordinate[-1], 200_001)
         share = np.mean(np.interp(dense, coordinate, upper) > p_max)
         assert found.above == pytest.approx(share * found.total, abs=24 * found.total / 200_000)
+        place = np.interp(found.first_above, np.arange(12), coordinate) if share else dense[0]
+        first = dense[np.argmax(np.interp(dense, coordinate, upper) > p_max)]
+        assert place == pytest.approx(first, abs=24 * found.total / 200_000)
         back = threshold_test(upper[::-1], p_max, -coordinate[::-1] * 2)
         assert back.above == pytest.approx(2 * found.above, rel=1e-12, abs=1e-12)
         falling = threshold_test(upper, p_max, -coordinate)
@@ -51,7 +55,7 @@ def test_a_pose_without_a_bound_is_not_known():
     np.testing.assert_array_equal(found.unknown, [False, True, False, False])
     assert not found.violated.any()
     assert (found.verdict, found.passed) == ("not known", False)
-    assert (found.first, found.worst, found.above) == (1, 1, 3)
+    assert (found.first, found.first_above, found.above) == (1, 1, 3)
 
 
 def test_a_verdict_by_draws_is_kept_beside_the_bound():
