@@ -79,8 +79,9 @@ def steps(start: float, stop: float, step: float, most: int) -> FloatArray:
         InputError: If the step does not lead to stop, or there are more than `most` numbers.
     """
     if step == 0 or (stop - start) * step < 0:
+        back = f"; did you mean {-step:g}?" if step else ""
         raise InputError(
-            f"must be a step other than 0 that leads from {start:g} to {stop:g}, got {step:g}"
+            f"must be a step other than 0 that leads from {start:g} to {stop:g}, got {step:g}{back}"
         )
     # Rounding must not lose the last number, as in (180 − 0)/0.1 = 1799.9999999999998.
     last = (stop - start) / step * (1 + 1e-12) + 1e-9  # may be infinite

@@ -61,7 +61,7 @@ AROUND = "around radars and path"
     ONE_RADAR,
     Option("upper", "Show the upper bound in place of P_D.", flag=True),
     replace(K, help="Number of sigma of --upper."),
-    replace(METHOD, help=f"For --upper. {METHOD.help}"),
+    replace(METHOD, help=f"For --upper. {METHOD.help} automatic is form, checked in some cells."),
     Option("north_km", "South and north end.", MAP_KM, "KM", count=2, default_text=AROUND),
     Option("east_km", "West and east end.", MAP_KM, "KM", count=2, default_text=AROUND),
     Option(

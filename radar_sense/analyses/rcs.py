@@ -84,8 +84,13 @@ def rcs(scenario: Scenario) -> Result:
         meaning = "Standard deviation of the cross section, if the RCS table has std_db."
         add("std_db", pattern(spread, azimuths, elevations), meaning, "dB")
 
-    flat = isinstance(model, TableRCS) and model.elevation is None
-    for name, index in (("largest", int(np.argmax(sigma))), ("smallest", int(np.argmin(sigma)))):
+    table = model.elevation if isinstance(model, TableRCS) else None
+    flat = isinstance(model, TableRCS) and table is None
+    low, high = (-90.0, 90.0) if table is None else np.rad2deg(table[[0, -1]])
+    beyond = abs(elevations - np.clip(elevations, low, high))  # the outermost values again
+    within = np.flatnonzero(beyond <= 0.5 * ELEVATION_STEP)
+    for name, extreme in (("largest", np.argmax), ("smallest", np.argmin)):
+        index = int(within[extreme(sigma[within])])
         place = f"azimuth {azimuths[index]:g} deg, "
         # a flat table is the same at all elevations
         place += "any elevation" if flat else f"elevation {elevations[index]:g} deg"

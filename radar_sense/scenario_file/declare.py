@@ -205,8 +205,8 @@ def sections(cls: type, title: str = "") -> Iterator[tuple[str, type]]:
 def read(place: Place, cls: type[S], word: str = "", others: Mapping[str, type] | None = None) -> S:
     """Read a mapping into a section.
 
-    The word is a further key, which the caller has read. An error says which of other sections, by
-    name, has an unknown key.
+    The word is a further key, which the caller has read. An error says which section below, or
+    which of other sections, by name, has an unknown key.
 
     Raises:
         InputError: If anything in the mapping is not allowed.
@@ -214,8 +214,10 @@ def read(place: Place, cls: type[S], word: str = "", others: Mapping[str, type] 
     items, keys = place.items(), keys_of(cls)
     allowed = [*filter(None, [word]), *(k.name for k in keys)]
     for name in items:
-        owners = [o for o, c in (others or {}).items() if name in (k.name for k in keys_of(c))]
         if name not in allowed:
+            below = [(k.name, c) for k in keys for c in k.kind.sections().values()]
+            elsewhere = [*(others or {}).items(), *below]
+            owners = dict.fromkeys(o for o, c in elsewhere if name in (k.name for k in keys_of(c)))
             raise _unknown(place, name, allowed, owners)
     _check_present(place, items, keys, word)
     return _made(cls, {k.field: k.kind.read(items[k.name]) for k in keys if k.name in items}, place)

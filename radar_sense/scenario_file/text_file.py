@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from radar_sense.errors import InputError, describe, reason
+from radar_sense.errors import InputError, describe, did_you_mean, reason
 from radar_sense.limits import Limit
 
 #: Longest line [bytes]. The longest line that a program writes has 28 numbers, under 1 KiB.
@@ -23,6 +23,7 @@ MAX_LETTERS = 100
 NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?", re.ASCII)
 NOT_FINITE = re.compile(r"[-+]?\.?(inf|infinity|nan)", re.IGNORECASE)
 _CLOCK = re.compile(r"([0-9]{1,4}):([0-5]?[0-9]):([0-5]?[0-9](?:\.[0-9]*)?)", re.ASCII)
+_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", re.ASCII)
 _UNITS = "m|km|ft|m/s|km/h|kt|s|ms|min|h|deg|°|m2|m²|db|dbsm|w|kw|mw|hz|khz|mhz|ghz|k"
 _WITH_UNIT = re.compile(rf"{NUMBER.pattern}\s*({_UNITS})", re.IGNORECASE)
 
@@ -126,6 +127,11 @@ def open_text(
         raise FileError(f"{path}: is a directory, not {kind}") from error
     except InputError:
         raise
+    except FileNotFoundError as error:
+        folder = Path(path).parent
+        names = [other.name for other in folder.iterdir()] if folder.is_dir() else []
+        near = did_you_mean(Path(path).name, names)
+        raise FileError(f"{path}: cannot be read: {reason(error)}{near}") from error
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
         raise FileError(f"{path}: cannot be read: {reason(error)}") from error
 
@@ -174,6 +180,8 @@ def advice(text: str, limit: Limit) -> str:
         hours, minutes, seconds = clock.groups()
         total = 3600 * int(hours) + 60 * int(minutes) + float(seconds)
         return f"; write seconds, {total:.15g} for {text}"
+    if _DATE.match(text):
+        return "; write seconds, from any start"
     if text.endswith("%") and NUMBER.fullmatch(text[:-1].strip()):
         # a percentage of a quantity with a unit is no share
         is_share = 1 in (limit.at_most, limit.below)
