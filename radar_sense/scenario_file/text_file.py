@@ -23,7 +23,7 @@ MAX_LETTERS = 100
 NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?", re.ASCII)
 NOT_FINITE = re.compile(r"[-+]?\.?(inf|infinity|nan)", re.IGNORECASE)
 _CLOCK = re.compile(r"([0-9]{1,4}):([0-5]?[0-9]):([0-5]?[0-9](?:\.[0-9]*)?)", re.ASCII)
-_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", re.ASCII)
+_DATE_TIME = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:", re.ASCII)
 _UNITS = "m|km|ft|m/s|km/h|kt|s|ms|min|h|deg|°|m2|m²|db|dbsm|w|kw|mw|hz|khz|mhz|ghz|k"
 _WITH_UNIT = re.compile(rf"{NUMBER.pattern}\s*({_UNITS})", re.IGNORECASE)
 
@@ -180,7 +180,7 @@ def advice(text: str, limit: Limit) -> str:
         hours, minutes, seconds = clock.groups()
         total = 3600 * int(hours) + 60 * int(minutes) + float(seconds)
         return f"; write seconds, {total:.15g} for {text}"
-    if _DATE.match(text):
+    if _DATE_TIME.match(text):
         return "; write seconds, from any start"
     if text.endswith("%") and NUMBER.fullmatch(text[:-1].strip()):
         # a percentage of a quantity with a unit is no share
