@@ -20,7 +20,7 @@ from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.looks import PRECISE, Looks
 from radar_sense.scenario import Scenario
-from radar_sense.source_names import PART, SOURCE
+from radar_sense.source_names import FINER, PART, SOURCE
 from radar_sense.sources import error_budget, scaled, sources_of, value_function
 from radar_sense.states import FloatArray
 
@@ -91,18 +91,23 @@ def required_accuracies(
         method: Method of propagation.
 
     Returns:
-        The accuracy required of each source, and of each part of a radar constant. The other
-        sources are unchanged. "all" scales all sources together.
+        The accuracy required of each source, of position and constant of a radar of a network that
+        is enough alone, and of each part of a radar constant. The other sources are unchanged.
+        "all" scales all sources together.
     """
-    names = sources_of(scenario, SOURCE, PART)
+    every = sources_of(scenario)
     p_d = scenario.model.p_d(scenario.aircraft, scenario.radar)
     if k is not None and np.any(p_d > limit):
         pose = int(np.argmax(reached(p_d)))
         place = float(scenario.axis.values[pose])
         impossible = RequiredAccuracy(None, float(p_d[pose]), place, P_D_ITSELF)
-        return dict.fromkeys((*names, "all"), impossible)
+        return dict.fromkeys((*sources_of(scenario, SOURCE, PART), "all"), impossible)
     goal = _Goal(scenario, limit, k, method)
-    by_name = {name: goal.required((name,)) for name in names}
+    by_name: dict[str, RequiredAccuracy] = {}
+    for name, source in every.items():
+        # a part of what is not enough alone is not enough
+        if source.kind != FINER or (source.part_of and by_name[source.part_of].factor is not None):
+            by_name[name] = goal.required((name,))
     return {**by_name, "all": goal.required(tuple(sources_of(scenario, SOURCE)))}
 
 
@@ -300,14 +305,13 @@ class _Goal:
     def _largest_other(self, names: tuple[str, ...], pose: int) -> str | None:
         """Return the largest of the other sources, None if there is none."""
         budget = self.budget_at(pose)
-        others = dict(budget.sources)
-        # The source of a part is replaced by its parts and, in a network, by the radar's position.
-        for source in {budget.parts[name].part_of for name in names if name in budget.parts}:
-            del others[source]
-            others |= {name: c for name, c in budget.parts.items() if c.part_of == source}
-            position = f"{source}_position"
-            others |= {name: c for name, c in budget.finer.items() if name == position}
-        at_pose = {name: c.std[0] for name, c in others.items() if name not in names}
+        every = sources_of(self.scenario)
+        found = {**budget.sources, **budget.finer, **budget.parts}
+        at_pose = {
+            name: c.std[0]
+            for name, c in found.items()
+            if every[name].has_row and not any(every[name].overlaps(every[own]) for own in names)
+        }
         largest = max(at_pose, key=at_pose.__getitem__, default="")
         return largest if at_pose.get(largest, 0.0) > 0 else None
 

@@ -340,10 +340,11 @@ def add_draws(table: Table, draws: DrawStatistics, k: float = 3.0) -> None:
         table.add(f"mc_{end}", values, meaning)
 
 
-def rows(words_by_name: Mapping[str, str]) -> list[str]:
+def rows(named: Iterable[tuple[str, str]]) -> list[str]:
     """Return lines of names and words, in two columns."""
-    width = max(map(len, words_by_name), default=0)
-    return [f"  {name:{width}}  {words}" for name, words in words_by_name.items()]
+    pairs = list(named)
+    width = max((len(name) for name, _ in pairs), default=0)
+    return [f"  {name:{width}}  {words}" for name, words in pairs]
 
 
 #: A scenario, and mean and standard deviation of P_D (n,) by a method.
@@ -387,15 +388,14 @@ def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Spread]], how
         return
     result.summary["largest_three_sigma_by_itself"] = found if others else first
     result.report.append(f"largest {f'{how} ' if how else ''}3 sigma of each radar alone:")
-    result.report += rows(
-        {
-            name: ", ".join(
-                f"{level} " * bool(others) + describe_extreme(tops[name], axis)
-                for level, tops in found.items()
-            )
-            for name in first
-        }
+    for_each = (
+        ", ".join(
+            f"{level} " * bool(others) + describe_extreme(tops[name], axis)
+            for level, tops in found.items()
+        )
+        for name in first
     )
+    result.report += rows(zip(first, for_each, strict=True))
 
 
 def std_off(spreads: Mapping[str, Spread], method: str) -> tuple[str, ...]:

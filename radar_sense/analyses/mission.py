@@ -184,7 +184,7 @@ def mission(
             + f", every {period:g} s"
             for one, period in zip(radars, periods, strict=True)
         }
-        result.report += words.rows(rows)
+        result.report += words.rows(rows.items())
     if drawn is not None:
         _add_differences(result, network, drawn, names, k)
     result.report.append(_describe_looks(looks))

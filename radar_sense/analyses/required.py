@@ -18,6 +18,7 @@ from radar_sense.command import Option, Result
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, TARGET
 from radar_sense.propagation import METHODS, MONTE_CARLO, band_of_scenario
+from radar_sense.sources import sources_of
 
 OPTIONS = (
     Option("target", "Also the accuracy at which 3 sigma is X.", TARGET, metavar="X"),
@@ -79,15 +80,15 @@ def add_required_accuracy(
     ]
     if not poses.resolved:
         result.report += [f"  {refinement.unresolved(poses)}"]
-    short = {name: name.removeprefix("radar_constant_") for name in required}
-    if required["all"].residual_from == P_D_ITSELF:
-        short = {"all": "all"}
-    result.report += words.rows(
-        {
-            label if label == name else f"  {label}": in_words(required[name], axis)
-            for name, label in short.items()
-        }
-    )
+    every = sources_of(scenario)
+    rows: list[tuple[str, str]] = []
+    for name in [*required] if required["all"].residual_from != P_D_ITSELF else ["all"]:
+        # below its source
+        if name not in every or not every[name].part_of:
+            below = [part for part in required if part in every and every[part].part_of == name]
+            labels = [name, *(f"  {part.removeprefix(f'{name}_')}" for part in below)]
+            rows += zip(labels, (in_words(required[n], axis) for n in (name, *below)), strict=True)
+    result.report += words.rows(rows)
     result.summary["target" if sigmas is None else "threshold"] = {
         **({"three_sigma": limit} if sigmas is None else {"p_max": limit, "k": sigmas}),
         "poses": len(axis),

@@ -40,7 +40,7 @@ def sensitivity(scenario: Scenario) -> Result:
     result.summary["largest_three_sigma"] = worst
     by_method = "" if method == "linear" else f" ({method})"
     result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
-    result.report += words.rows({n: words.describe_extreme(top, axis) for n, top in worst.items()})
+    result.report += words.rows((n, words.describe_extreme(top, axis)) for n, top in worst.items())
     result.warnings += words.std_off(spreads, method)
     words.add_radars_alone(result, at_level)
     result.warnings += words.table_warnings(scenario)

@@ -108,7 +108,7 @@ def sweep(
         result.summary |= {"lowest_p_d": low, "highest_p_d": high}
         result.report.append(f"by {key} the largest {words.describe_span(low, high, axis)}")
     if len(values) <= SHOWN:
-        result.report += words.rows(dict(zip(map(axis.format, values), bands, strict=True)))
+        result.report += words.rows(zip(map(axis.format, values), bands, strict=True))
     result.warnings += words.gathered(found)
     result.draw = partial(
         _draw, axis=axis, lines=(p_d, lower, upper, bound), threshold=threshold, k=k
