@@ -1,6 +1,7 @@
 """The import rule: a module imports only from storeys below its own."""
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
@@ -41,10 +42,16 @@ def modules() -> dict[str, Path]:
     return {".".join(p.relative_to(PACKAGE).with_suffix("").parts): p for p in paths}
 
 
-def imports(path: Path, known: dict[str, Path]) -> set[str]:
-    """Return the modules of the package that a file imports, wherever in the file."""
+@cache
+def trees() -> dict[str, ast.Module]:
+    """Return the syntax of all modules."""
+    return {name: ast.parse(path.read_text("utf-8")) for name, path in modules().items()}
+
+
+def imports(path: str, known: dict[str, Path]) -> set[str]:
+    """Return the modules of the package that a module imports, wherever in the file."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(trees()[path]):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
             assert not any(name.startswith("radar_sense") for name in names), (path, names)
@@ -66,7 +73,7 @@ def imports(path: Path, known: dict[str, Path]) -> set[str]:
 @cache
 def arrows() -> dict[str, set[str]]:
     known = modules()
-    return {name: imports(path, known) for name, path in known.items()}
+    return {name: imports(name, known) for name in known}
 
 
 def test_no_arrow_goes_up():
@@ -111,8 +118,8 @@ def test_modules_are_imported_by_name_in_three_places_only():
     dynamic = {"import_module", "__import__", "exec", "eval"}
     where = {
         name
-        for name, path in modules().items()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for name, tree in trees().items()
+        for node in ast.walk(tree)
         if dynamic & {getattr(node, "id", None), getattr(node, "attr", None)}
         or (isinstance(node, ast.ImportFrom) and dynamic & {a.name for a in node.names})
     }
@@ -120,16 +127,16 @@ def test_modules_are_imported_by_name_in_three_places_only():
 
 
 def test_matplotlib_is_imported_in_one_place():
-    where = {name for name, path in modules().items() if "import matplotlib" in path.read_text()}
-    where |= {name for name, path in modules().items() if "from matplotlib" in path.read_text()}
+    lines = re.compile("(import|from) matplotlib")
+    where = {name for name, path in modules().items() if lines.search(path.read_text("utf-8"))}
     assert where == {"plotting"}
 
 
 def test_slow_modules_of_scipy_are_imported_where_they_are_used():
     """At the top of a module stand `special` and `constants` only: `optimize` takes 0.17 s."""
     found = set()
-    for path in modules().values():
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for tree in trees().values():
+        for node in tree.body:
             if isinstance(node, ast.Import):
                 found |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
@@ -139,9 +146,4 @@ def test_slow_modules_of_scipy_are_imported_where_they_are_used():
 
 
 def test_every_module_has_a_docstring():
-    without = [
-        name
-        for name, path in modules().items()
-        if not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
-    ]
-    assert not without
+    assert not [name for name, tree in trees().items() if not ast.get_docstring(tree)]

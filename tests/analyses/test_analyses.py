@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, SOURCES, document, scenario, small_batches, yaml_text
+from helpers import OVERHEAD, SOURCES, document, scenario, shares_of, small_batches, yaml_text
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -17,6 +17,7 @@ from radar_sense.propagation import METHODS
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.linear import Linear
 from radar_sense.scenario_file.load import load_scenario
+from radar_sense.sources import error_budget
 from radar_sense.words import describe_extreme, describe_span, peak, trough
 from radar_sense.words import describe_poses as where
 
@@ -111,16 +112,6 @@ def test_a_vanishing_gradient_is_warned_of():
     off, warning = analyses.budget(s.at_poses(slice(None, None, 12)), method="linear").warnings
     assert off.endswith("[sigma-off]")
     assert "misses aircraft_orientation at 0, 180 deg, where the gradient vanishes" in warning
-
-
-def test_an_undefined_linearization_is_warned_of():
-    s = scenario(**(OVERHEAD | {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 90}}))
-    result = analyses.variance(s, method="linear")
-    assert np.isnan(result.table["sigma_pd"][0])
-    assert np.isfinite(result.table["p_d"]).all()
-    assert "linear has no value" in result.warnings[0]
-    assert result.warnings[0].endswith("[no-value]")
-    assert "at 0 deg" in result.warnings[0]
 
 
 def test_negative_constants_are_reported():
@@ -343,16 +334,19 @@ def test_the_span_of_p_d_in_words(p_d, says):
 
 
 def test_no_uncertainty_at_all():
+    """Nothing is uncertain: P_D has a value, a budget no shares, and no report a nan."""
     certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
-    s = scenario(
-        uncertainty={**certain, "radar": {"none": {"position_m": 0, "constant": 0}}},
-        analysis={"level": "none", "runs": 2},
-    )
+    certain["radar"] = {"none": {"position_m": 0, "constant": 0}}
+    s = scenario(uncertainty=certain, analysis={"level": "none", "runs": 64})
     s = s.at_poses(slice(None, None, 60))
     for analysis in ALL:
-        result = analysis(s)
-        assert not any("nan" in line for line in result.report)
-    assert not analyses.budget(s).table["three_sigma_total"].any()
+        assert not any("nan" in line for line in analysis(s).report)
+    for method in ("linear", "montecarlo"):
+        budget = analyses.budget(s, method=method)
+        assert not budget.table["three_sigma_total"].any()
+        assert np.isnan(list(shares_of(error_budget(s, method)).values())).all()
+        assert "  total                0" in budget.report
+        assert not any("%" in line for line in budget.report)
 
 
 def test_validate_without_any_result(monkeypatch):
@@ -377,20 +371,22 @@ def test_validate_names_the_pose_with_the_largest_error_per_tolerance(monkeypatc
     assert re.fullmatch(r"  worst: .+ off by \S+ \+/- \S+ at 90 deg \(tolerance \S+\)", worst)
 
 
+def judged(monkeypatch, distance, error, delta, **options):
+    """Return what `validate` says where a mean is off by distances with errors."""
+    n = len(distance)
+    values = np.stack([np.array(distance), *np.zeros((3, n))])
+    of = {"drawn": np.zeros((4, n)), "error": np.stack([np.array(error)] * 4)}
+    verdict = Verdict(values=values, delta=np.array(delta), draws=np.full(n, 16_384), **of)
+    monkeypatch.setattr(sys.modules["radar_sense.analyses.validate"], "judge", lambda *_: verdict)
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 10 * n - 10, "step": 10})
+    return analyses.validate(s, **{"digits": 1, **options})
+
+
 def test_different_unknown_and_poses_without_a_result_are_told_apart(monkeypatch):
     """The poses agree, differ, are not known, without a result, and wrong where δ is 0."""
-    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 40, "step": 10})
-    distance = np.array([0.1, 0.4, 0.2, np.nan, 0.01])
-    error = np.array([0.01, 0.01, 0.06, 0.01, 0.0])
-    verdict = Verdict(
-        values=np.stack([distance, 0 * distance, 0 * distance, 0 * distance]),
-        drawn=np.zeros((4, 5)),
-        error=np.stack([error] * 4),
-        delta=np.array([0.1, 0.1, 0.1, 0.1, 0.0]),
-        draws=np.full(5, 16_384),
-    )
-    monkeypatch.setattr(sys.modules["radar_sense.analyses.validate"], "judge", lambda *_: verdict)
-    result = analyses.validate(s, digits=1)
+    distance, error = [0.1, 0.4, 0.2, np.nan, 0.01], [0.01, 0.01, 0.06, 0.01, 0.0]
+    poses = monkeypatch, distance, error, [0.1, 0.1, 0.1, 0.1, 0.0]
+    result = judged(*poses)
     assert result.report[:6] == (
         "linear does NOT agree with draws at 10, 40 deg, to 1 significant digit of sigma (medium)",
         "linear has no result at 30 deg",
@@ -403,23 +399,18 @@ def test_different_unknown_and_poses_without_a_result_are_told_apart(monkeypatch
     assert (summary["poses_agree"], summary["poses_differ"]) == (1, 3)
     assert summary["poses_undecided"] == 1
     assert summary["largest_distance_by_delta"]["mean"]["value"] == math.inf
-    two = analyses.validate(s, digits=2).report
+    two = judged(*poses, digits=2).report
     assert two[0].endswith("2 significant digits of sigma (medium)")
     assert two[3].endswith("are too few; fewer --digits need fewer")
 
 
-@pytest.mark.parametrize(("undecided", "passed"), [(False, True), (True, False)])
-def test_too_few_draws_are_not_agreement(monkeypatch, undecided, passed):
-    """The draws agree with the method where they are stable, and are too few at one pose."""
-    error = np.array([0.01, 0.06 if undecided else 0.01])
-    verdict = Verdict(
-        np.zeros((4, 2)), np.zeros((4, 2)), np.stack([error] * 4), np.full(2, 0.1), np.ones(2, int)
-    )
-    monkeypatch.setattr(sys.modules["radar_sense.analyses.validate"], "judge", lambda *_: verdict)
-    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 10, "step": 10})
-    result = analyses.validate(s, digits=1)
-    assert result.passed == passed
-    answer = "NOT KNOWN whether linear agrees" if undecided else "linear agrees with draws at all"
+@pytest.mark.parametrize(
+    ("error", "answer"), [(0.01, "linear agrees with draws at all"), (0.06, "NOT KNOWN whether")]
+)
+def test_too_few_draws_are_not_agreement(monkeypatch, error, answer):
+    """The draws agree with the method where they are stable, and may be too few at one pose."""
+    result = judged(monkeypatch, [0.0, 0.0], [0.01, error], [0.1, 0.1])
+    assert result.passed == (error == 0.01)
     assert result.report[0].startswith(answer)
 
 

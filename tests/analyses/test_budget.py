@@ -48,20 +48,6 @@ def test_shares_add_up_under_correlation():
     np.testing.assert_allclose(shares["interaction"], both / total, atol=1e-12)
 
 
-def test_no_uncertainty_has_no_shares():
-    none = {"none": {"position_m": 0, "constant": 0}}
-    s = scenario(
-        geometry__azimuth_deg=FEW,
-        uncertainty={"aircraft": NOTHING, "radar": none},
-        analysis={"level": "none", "runs": 64},
-    )
-    for method in ("linear", "montecarlo"):
-        assert np.isnan(list(shares_of(error_budget(s, method)).values())).all()
-        report = analyses.budget(s, method=method).report
-        assert "  total                0" in report
-        assert not any("%" in line or "nan" in line for line in report)
-
-
 def test_sobol_indices_agree_with_the_linear_budget_where_that_is_good():
     s = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
     s = s.with_analysis(runs=2**14, seed=3)
