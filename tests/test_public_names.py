@@ -47,3 +47,4 @@ def test_help_and_signature_have_all_options(name):
     assert set(parameters) == {"scenario", *command.defaults} | shared
     shown = pydoc.render_doc(command, renderer=pydoc.plaintext)
     assert command.help.splitlines()[0] in shown
+    assert {option.name for option in command.options} <= set(parameters) | {"dask"}

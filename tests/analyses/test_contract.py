@@ -119,15 +119,6 @@ def test_every_analysis_keeps_the_contract(name, tool, monkeypatch):
     assert table.read_bytes() == Path(written[0]).read_bytes()
 
 
-def test_each_command_has_examples_and_known_options():
-    for name, command in ALL.items():
-        assert command.name == name
-        assert command.examples
-        assert all(example.startswith(f"radar-sense {name}") for example in command.examples)
-        known = {*command.defaults, "level", "radar", "runs", "seed", "method", "dask"}
-        assert {option.name for option in command.options} <= known
-
-
 def test_options_of_an_analysis():
     with pytest.raises(
         TypeError, match=r"budget\(\) has no option 'tarket'.*did you mean 'target'"

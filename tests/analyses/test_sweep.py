@@ -27,12 +27,9 @@ def test_each_row_is_what_variance_says_of_the_value(method):
     for row, value in enumerate(VALUES):
         one = analyses.variance(rs.load_scenario(changes={"radar.constant": value}), method=method)
         pose = int(np.argmax(one.table["p_d"]))
-        for name, column in (
-            ("highest_p_d", "p_d"),
-            ("lower", "lower_3sigma"),
-            ("upper", "upper_3sigma"),
-        ):
-            assert found[name][row] == one.table[column][pose]
+        assert found["highest_p_d"][row] == one.table["p_d"][pose]
+        for end in ("lower", "upper"):
+            assert found[end][row] == one.table[f"{end}_3sigma"][pose]
         assert found["highest_upper"][row] == one.table["upper_3sigma"].max()
         assert found["largest_three_sigma"][row] == 3 * one.table["sigma_pd"].max()
 
@@ -130,27 +127,11 @@ def test_the_figure_has_the_band_of_the_table():
 
 
 def test_set_on_the_command_line(tool):
-    assert tool("variance", "--set", "radar.constant=1.50e2", "--no-plot").code == 0
+    args = ["variance", "--set", "radar.constant=1.50e2", "--no-plot"]
+    assert tool(*args).code == 0
     record = read_record("figures/paper_variance.json")
     assert record["scenario"]["radar"]["constant"] == 150
-    assert record["command"] == [
-        "radar-sense",
-        "variance",
-        "--set",
-        "radar.constant=1.50e2",
-        "--no-plot",
-    ]
-    for text, message in (
-        ("radar.constant", "Error: --set radar.constant: must be KEY=VALUE\n"),
-        (
-            "radar.constant=x",
-            "Error: radar.constant=x: radar.constant: must be a number greater than 0, got 'x'\n",
-        ),
-    ):
-        code, _, err = tool("variance", "--set", text)
-        assert (code, err) == (2, message)
-    twice = tool("variance", "--set", "name=a", "--set", "name=b")
-    assert twice.err == "Error: --set name=b: is given twice; give it once\n"
+    assert record["command"] == ["radar-sense", *args]
 
 
 def test_a_long_sweep_says_so_after_its_first_value(monkeypatch, caplog):

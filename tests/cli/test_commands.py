@@ -246,12 +246,8 @@ def test_json(tool):
     assert set(found) >= {"scenario", "seed", "versions", "command", "warnings", "summary"}
     assert found["command"] == ["radar-sense", *args]
     assert found["seed"] == 0
-    assert found["scenario"]["analysis"] == {
-        "level": "high",
-        "runs": 40,
-        "seed": 0,
-        "method": "linear",
-    }
+    choices = {"level": "high", "runs": 40, "seed": 0, "method": "linear"}
+    assert found["scenario"]["analysis"] == choices
     assert found["versions"]["numpy"] == np.__version__
     assert found["versions"]["radar-sense"] == rs.__version__
     assert "python" in found["versions"]
@@ -279,9 +275,7 @@ def test_undefined_numbers_are_null_in_json_and_nan_in_csv(tool, command):
     Path("overhead.yaml").write_text(OVERHEAD)
     code, _, err = tool(command, "overhead.yaml", *few(command), "--no-plot")
     assert code == 0
-    assert "Warning: " in err
-    assert "has no value" in err
-    assert "[no-value]" in err
+    assert re.search(r"Warning: .* has no value .*at all 3 poses.*\[no-value\]", err)
     found = read_record(f"figures/overhead_{command}.json")
     if command not in ("montecarlo", "compare"):  # all draws of these two are defined
         assert "null" in json.dumps(found["summary"])
@@ -295,18 +289,6 @@ def test_undefined_numbers_are_null_in_json_and_nan_in_csv(tool, command):
 def test_quiet(tool, command):
     code, out, err = tool(command, "-q", *few(command))
     assert (code, out, err) == (0, "", "")
-
-
-def test_level_is_used(tool):
-    scenario = rs.load_scenario().with_analysis(level="high")
-    for command in ("variance", "budget", "montecarlo"):
-        assert tool(command, "--level", "high", "--no-plot", *few(command)).code == 0
-        record = read_record(f"figures/paper_{command}.json")
-        assert record["scenario"]["analysis"]["level"] == "high"
-    found = read_table("figures/paper_variance.csv")["sigma_pd"]
-    assert (found == rs.analyses.variance(scenario).table["sigma_pd"]).all()
-    assert (found == read_table("figures/paper_montecarlo.csv")["sigma_pd"]).all()
-    assert (3 * found == read_table("figures/paper_budget.csv")["three_sigma_total"]).all()
 
 
 def test_out_is_made_with_the_folders_above_it(tool):
@@ -476,19 +458,3 @@ def test_control_characters_do_not_reach_the_terminal(tool):
     assert tool("init", "new" + name).out == (
         "newa\\x1b[31m\\nb.yaml written\nnext: radar-sense check newa\\x1b[31m\\nb.yaml\n"
     )
-
-
-# Exit code 3: all was done as asked, and the answer is no.
-
-
-@pytest.mark.parametrize(("method", "code"), [("linear", 3), ("form", 0)])
-def test_a_verdict_is_an_exit_code(tool, method, code):
-    text = default_text().replace(
-        "{start: 0, stop: 180, step: 0.5}", "{start: 90, stop: 90, step: 1}"
-    )
-    Path("one.yaml").write_text(text)
-    outcome = tool("validate", "one.yaml", "--digits", "1", "--method", method, "--no-plot")
-    assert outcome.code == code
-    assert ("does NOT agree" in outcome.out) == (code == 3)
-    record = read_record("figures/paper_validate.json")
-    assert record["summary"]["verdict"] == ("differs" if code else "agrees")

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from helpers import read_record
+from helpers import one_line, read_record
 
 pytestmark = pytest.mark.usefixtures("quick")
 
@@ -19,18 +19,11 @@ def test_the_scenario_and_the_numbers(tool):
     code, out, err = tool("diff", old, new)
     assert (code, err) == (0, "")
     lines = out.splitlines()
-    assert lines[:4] == [
-        "scenario:",
-        "  radar.constant: 167 -> 150 (-17)",
-        '  analysis.level: "medium" -> "high"',
-        "numbers:",
-    ]
-    one, other = (read_record(path)["summary"]["largest_three_sigma_total"] for path in (old, new))
-    total = one["value"], other["value"]
-    assert (
-        f"  largest_three_sigma_total.value: {total[0]:.6g} -> {total[1]:.6g} "
-        f"({total[1] - total[0]:+.3g})"
-    ) in lines
+    changes = ["radar.constant: 167 -> 150 (-17)", 'analysis.level: "medium" -> "high"']
+    assert lines[:4] == ["scenario:", *(f"  {change}" for change in changes), "numbers:"]
+    key = "largest_three_sigma_total"
+    one, other = (read_record(path)["summary"][key]["value"] for path in (old, new))
+    assert f"  {key}.value: {one:.6g} -> {other:.6g} ({other - one:+.3g})" in lines
 
 
 def test_equal_records_and_warnings(tool):
@@ -47,27 +40,19 @@ def test_equal_records_and_warnings(tool):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is not JSON"),
-        ("[" * 100_000, "is not JSON"),
-        ("[]", "is not the JSON record of an analysis"),
-        ('{"scenario": 3}', "is not the JSON record of an analysis"),
-        ("\xff", "is not JSON"),
+        *((text, "is not JSON") for text in ("", "[" * 100_000, "\xff")),
+        *((text, "is not the JSON record of an analysis") for text in ("[]", '{"scenario": 3}')),
     ],
 )
 def test_what_is_no_record_is_refused_in_one_line(tool, text, message):
-    old = write(tool, "a")
     Path("other.json").write_text(text)
-    code, out, err = tool("diff", old, "other.json")
-    assert (code, out) == (2, "")
-    assert err.startswith("Error: other.json: ")
-    assert message in err
-    assert err.count("\n") == 1
-    assert tool("diff", old, "missing.json").code == 2
+    error = one_line(tool, "diff", write(tool, "a"), "other.json")
+    assert error.startswith(f"Error: other.json: {message}")
+    one_line(tool, "diff", "a/paper_budget.json", "missing.json")
 
 
 def test_records_of_two_commands_are_refused(tool):
     old = write(tool, "a")
     assert tool("sensitivity", "--no-plot", "--out", "a").code == 0
-    code, _, err = tool("diff", old, "a/paper_sensitivity.json")
-    assert code == 2
-    assert err == "Error: records of budget and sensitivity have no common numbers\n"
+    error = one_line(tool, "diff", old, "a/paper_sensitivity.json")
+    assert error == "Error: records of budget and sensitivity have no common numbers\n"

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import shutil
 import signal
 import stat
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import one_line
 
 import radar_sense as rs
 from radar_sense import cli as command_line
@@ -47,6 +49,15 @@ def default_signals() -> Iterator[None]:
 def content(folder: Path | str) -> dict[str, bytes]:
     """Return all files of a folder, hidden ones included."""
     return {p.name: p.read_bytes() for p in Path(folder).iterdir() if p.is_file()}
+
+
+def raising(error: BaseException) -> Callable[..., None]:
+    """Return a function that raises an error."""
+
+    def fail(*args: object) -> None:
+        raise error
+
+    return fail
 
 
 def test_files_replace_those_of_the_same_name_and_no_other(folder):
@@ -87,10 +98,7 @@ def test_a_rename_may_fail(folder, monkeypatch):
 
 
 def test_no_empty_folder_stays_after_a_failure(tmp_path, monkeypatch):
-    def fsync(descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(os, "fsync", raising(OSError(28, "No space left on device")))
     with pytest.raises(OSError, match="No space"):
         files.write(tmp_path / "a" / "b", NEW)
     assert list(tmp_path.iterdir()) == []
@@ -135,10 +143,7 @@ def test_files_are_replaced_and_follow_the_umask(folder, mask):
 
 
 def test_a_package_without_metadata_does_not_lose_a_run(tool, monkeypatch):
-    def version(name: str) -> str:
-        raise metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(metadata, "version", version)
+    monkeypatch.setattr(metadata, "version", raising(metadata.PackageNotFoundError("any")))
     monkeypatch.setattr(files, "versions", files.versions.__wrapped__)  # without those known
     assert tool("variance", "--no-plot").code == 0
     record = json.loads(Path("figures/paper_variance.json").read_text())
@@ -183,10 +188,7 @@ def test_threads_at_work_are_interrupted(tool, fake):
     [(MemoryError(), "out of memory"), (OSError(5, "Input/output error"), "Input/output error")],
 )
 def test_running_out_of_memory_is_one_line(tool, fake, error, words):
-    def fail() -> None:
-        raise error
-
-    fake(fail)
+    fake(raising(error))
     code, out, err = tool("fake")
     assert (code, out) == (1, "")
     assert err.startswith("Error: ")
@@ -197,10 +199,7 @@ def test_running_out_of_memory_is_one_line(tool, fake, error, words):
 
 @pytest.mark.parametrize("error", [KeyError("a bug"), RuntimeError("a bug")])
 def test_other_errors_are_not_hidden(tool, fake, error):
-    def fail() -> None:
-        raise error
-
-    fake(fail)
+    fake(raising(error))
     with pytest.raises(type(error), match="a bug"):
         tool("fake")
 
@@ -210,10 +209,8 @@ def test_a_figure_that_fails_loses_no_numbers(tool, fake, monkeypatch):
 
     fake(lambda: None)
 
-    def fail(*args: object) -> None:
-        raise RuntimeError("latex could not\nbe found")
-
-    monkeypatch.setattr(plotting, "render", fail)
+    error = RuntimeError("latex could not\nbe found")
+    monkeypatch.setattr(plotting, "render", raising(error))
     code, out, err = tool("fake", "--format", "png")
     assert code == 1
     assert "figures/paper_fake.csv" in out.splitlines()
@@ -234,29 +231,19 @@ def never() -> None:
 def test_a_folder_in_the_way_of_a_file(tool, fake, ending):
     fake(never)
     Path(f"figures/paper_fake.{ending}").mkdir(parents=True)
-    code, out, err = tool("fake")
-    assert (code, out) == (2, "")
-    assert f"paper_fake.{ending} is a folder" in err
-    assert len(err.splitlines()) == 1
+    assert f"paper_fake.{ending} is a folder" in one_line(tool, "fake")
 
 
 def test_a_full_disk(tool, fake, monkeypatch):
     fake(never)
 
-    class Full:
-        def __enter__(self) -> Full:
-            return self
-
-        def __exit__(self, *args: object) -> None:
-            pass
-
-        def write(self, data: bytes) -> None:
+    class Full(io.BytesIO):
+        def write(self, data: bytes) -> int:
             raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(files.tempfile, "TemporaryFile", lambda **options: Full())
-    code, _, err = tool("fake")
-    assert code == 2
-    assert err == "Error: --out: cannot write to figures: No space left on device\n"
+    error = one_line(tool, "fake")
+    assert error == "Error: --out: cannot write to figures: No space left on device\n"
 
 
 def test_a_working_folder_that_is_gone(tool, fake):
@@ -264,39 +251,33 @@ def test_a_working_folder_that_is_gone(tool, fake):
     Path("gone").mkdir()
     os.chdir("gone")
     shutil.rmtree("../gone")
-    code, out, err = tool("fake")
-    assert (code, out) == (2, "")
-    assert err.startswith("Error: --out: cannot write to figures: ")
+    assert one_line(tool, "fake").startswith("Error: --out: cannot write to figures: ")
 
 
-@pytest.mark.parametrize("which", ["table", "route", "mask", "scenario"])
+@pytest.mark.parametrize("which", ["table", "path", "mask", "scenario"])
 def test_an_input_is_never_overwritten(tool, which):
     """An input file is protected under every spelling of its name."""
     from radar_sense.scenario_file.load import default_text
 
     root = ROOT / "configs"
     Path("figures").mkdir()
-    output = Path(f"figures/paper_budget.{'json' if which == 'scenario' else 'csv'}")
-    config = Path("my.yaml")
-    if which == "table":
-        shutil.copy(root / "synthetic_aircraft.csv", output)
-        text = (root / "table.yaml").read_text().replace("name: table", "name: paper")
-        text = text.replace("synthetic_aircraft.csv", f"figures/../{output}")
-    elif which == "route":
-        shutil.copy(root / "path_route.csv", output)
-        text = (root / "path.yaml").read_text().replace("name: path", "name: paper")
-        text = text.replace("path_route.csv", f"figures/../{output}")
+    output, config = Path("figures/paper_budget.csv"), Path("my.yaml")
+    sources = {"table": "synthetic_aircraft.csv", "path": "path_route.csv"}
+    if which in sources:
+        shutil.copy(root / sources[which], output)
+        text = (root / f"{which}.yaml").read_text().replace(f"name: {which}", "name: paper")
+        text = text.replace(sources[which], f"figures/../{output}")
     elif which == "mask":
         output.write_text("azimuth_deg,elevation_deg\n0,0\n360,0\n")
         text = (root / "network.yaml").read_text().replace("name: network", "name: paper")
         text = text.replace("    p_fa:", f"    mask: {output}\n    p_fa:", 1)
     else:
-        text, config = default_text(), output
+        output = config = output.with_suffix(".json")
+        text = default_text()
     config.write_text(text)
     before = content("figures")
-    code, out, err = tool("budget", config, "--out", "./figures")
-    assert (code, out) == (2, "")
-    assert f"{output} is an input of this run" in err
+    error = one_line(tool, "budget", config, "--out", "./figures")
+    assert f"{output} is an input of this run" in error
     assert content("figures") == before
     fast = ("--no-plot", "--set", "analysis.method=linear")
     assert tool("budget", config, "--out", "elsewhere", *fast).code == 0
