@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from helpers import document, scenario, yaml_text
+from helpers import document, network_document, scenario, yaml_text
 from numpy.testing import assert_allclose
 from scipy.constants import Boltzmann
 from scipy.interpolate import PchipInterpolator
@@ -24,6 +24,7 @@ from radar_sense.sources import error_budget
 P_FA, C_R, AREA, DISTANCE = 1e-6, 40.0, 0.09, 300e3
 SPHERE = {"model": "constant", "rcs_m2": AREA}
 GAIN = [(-4, -12), (-1, -2), (1, 0), (2, -1), (4, -8), (9, -20)]
+AT_10 = {"start": 10, "stop": 10, "step": 1}
 MASK = [(0, 0.2), (40, 1.5), (90, 0.4), (200, 3.0), (300, -1.0), (360, 0.2)]
 
 
@@ -38,16 +39,16 @@ def files(folder, gain=GAIN, mask=MASK):
 
 def made(folder, **changes):
     """The paper's scenario with a sphere, at few poses, with changes; files are in the folder."""
-    given = {
-        "aircraft__rcs": SPHERE,
-        "radar": {"position_m": [0, 0, 0], "constant": C_R, "p_fa": P_FA},
-        "geometry__range_km": DISTANCE / 1e3,
-        "geometry__down_km": -8,
-        "geometry__azimuth_from": "north",
-        "geometry__azimuth_deg": {"start": 0, "stop": 340, "step": 20},
-        **changes,
-    }
-    (folder / "my.yaml").write_text(yaml_text(document(**given)))
+    radar = {"position_m": [0, 0, 0], "constant": C_R, "p_fa": P_FA}
+    given = document(aircraft__rcs=SPHERE, radar=radar, geometry__azimuth_from="north")
+    given["geometry"] |= {"range_km": DISTANCE / 1e3, "down_km": -8}
+    given["geometry"]["azimuth_deg"] = {"start": 0, "stop": 340, "step": 20}
+    return loaded(folder, document(given, **changes))
+
+
+def loaded(folder, content):
+    """The scenario of a document whose files are in a folder."""
+    (folder / "my.yaml").write_text(yaml_text(content))
     return load_scenario(folder / "my.yaml")
 
 
@@ -76,20 +77,12 @@ def p_d_at(place, *, constant=C_R, tilt_deg=0.0, gain=GAIN):
 def test_the_gain_counts_there_and_back(tmp_path, tilt):
     files(tmp_path)
     for down in (-1, -8, -20, -60, 6):
-        s = made(
-            tmp_path,
-            radar__elevation_gain="gain.csv",
-            radar__tilt_deg=tilt,
-            geometry__down_km=down,
-            geometry__azimuth_deg={"start": 10, "stop": 10, "step": 1},
-        )
+        at = {"geometry__down_km": down, "geometry__azimuth_deg": AT_10}
+        s = made(tmp_path, radar__elevation_gain="gain.csv", radar__tilt_deg=tilt, **at)
         expected = p_d_at(s.aircraft[0, :3], tilt_deg=tilt)
         assert_allclose(s.model.p_d(s.aircraft, s.radar), expected, rtol=1e-9, atol=1e-15)
-        ratio = s.model.snr(s.aircraft, s.radar) / made(
-            tmp_path,
-            geometry__down_km=down,
-            geometry__azimuth_deg={"start": 10, "stop": 10, "step": 1},
-        ).model.snr(s.aircraft, s.radar)
+        plain = made(tmp_path, **at).model
+        ratio = s.model.snr(s.aircraft, s.radar) / plain.snr(s.aircraft, s.radar)
         elevation = math.degrees(math.atan2(-down, DISTANCE / 1e3)) - tilt
         assert_allclose(ratio, 10 ** (2 * cubic(elevation, GAIN) / 10), rtol=1e-12)
 
@@ -108,59 +101,40 @@ def test_the_partials_are_those_of_differences(seed):
     rng = np.random.default_rng(seed)
     model, n = random_model(rng), 60
     aircraft = np.hstack([rng.uniform(-1e5, 1e5, (n, 3)), rng.uniform(-3, 3, (n, 3))])
-    radar = np.hstack(
-        [
-            rng.uniform(-2e3, 2e3, (n, 3)),
-            rng.uniform(30, 300, (n, 1)),
-            0.05 * rng.standard_normal((n, 3)),
-        ]
-    )
+    place, constant = rng.uniform(-2e3, 2e3, (n, 3)), rng.uniform(30, 300, (n, 1))
+    radar = np.hstack([place, constant, 0.05 * rng.standard_normal((n, 3))])
     _, by_aircraft, by_radar = model.linearize_probit(aircraft, radar)
     for states, by, first in ((aircraft, by_aircraft, True), (radar, by_radar, False)):
         for i in range(states.shape[1]):
             step = np.zeros(states.shape[1])
             step[i] = 1.0 if i < 3 else 1e-6
-            ends = [
-                model.linearize_probit(*((states + e, radar) if first else (aircraft, states + e)))[
-                    0
-                ]
-                for e in (step, -step)
-            ]
-            assert_allclose(by[:, i], (ends[0] - ends[1]) / (2 * step[i]), rtol=1e-4, atol=2e-9)
+            moved = (states + step, states - step)
+            both = [(m, radar) if first else (aircraft, m) for m in moved]
+            above, below = (model.linearize_probit(*each)[0] for each in both)
+            assert_allclose(by[:, i], (above - below) / (2 * step[i]), rtol=1e-4, atol=2e-9)
 
 
 def test_a_tilt_is_a_source_of_the_budget(tmp_path):
     files(tmp_path)
     std, certain = 0.5, {"position_m": 0, "attitude_deg": 0}
     low = {"position_m": 0, "constant": 2, "tilt_deg": std}
-    s = made(
-        tmp_path,
-        radar__elevation_gain="gain.csv",
-        geometry__azimuth_deg={"start": 10, "stop": 10, "step": 1},
-        uncertainty={"aircraft": certain, "radar": {"low": low}},
-        analysis={"level": "low"},
-    )
+    uncertain = {"aircraft": certain, "radar": {"low": low}}
+    few = {"geometry__azimuth_deg": AT_10, "analysis": {"level": "low"}}
+    s = made(tmp_path, radar__elevation_gain="gain.csv", uncertainty=uncertain, **few)
     place, step = s.aircraft[0, :3], 1e-4
     budget = error_budget(s)
     slope = (p_d_at(place, tilt_deg=step) - p_d_at(place, tilt_deg=-step)) / (2 * step)
-    assert budget.sources["radar_tilt"].std[0] == pytest.approx(abs(slope) * std, rel=1e-6)
-    assert budget.total.std[0] == pytest.approx(
-        math.hypot(budget.sources["radar_tilt"].std[0], budget.sources["radar_constant"].std[0]),
-        rel=1e-12,
-    )
+    by_tilt, by_constant = (budget.sources[f"radar_{n}"].std[0] for n in ("tilt", "constant"))
+    assert by_tilt == pytest.approx(abs(slope) * std, rel=1e-6)
+    assert budget.total.std[0] == pytest.approx(math.hypot(by_tilt, by_constant), rel=1e-12)
 
 
 def test_the_gain_is_a_term_of_the_snr(tmp_path):
     files(tmp_path)
     tilt, std = 1.5, 0.5
-    s = made(
-        tmp_path,
-        radar__elevation_gain="gain.csv",
-        radar__tilt_deg=tilt,
-        geometry__down_km=-8,
-        uncertainty__radar={"low": {"position_m": 5, "constant": 2, "tilt_deg": std}},
-        analysis={"level": "low"},
-    )
+    low = {"low": {"position_m": 5, "constant": 2, "tilt_deg": std}}
+    tilted = {"radar__elevation_gain": "gain.csv", "radar__tilt_deg": tilt}
+    s = made(tmp_path, **tilted, uncertainty__radar=low, analysis={"level": "low"})
     table = rs.analyses.detectors(s, p_d=0.9, method="linear").table
     elevation = math.degrees(math.atan2(8e3, DISTANCE))
     gain_db = 2 * cubic(elevation - tilt, GAIN)
@@ -198,13 +172,9 @@ def test_a_mask_hides_what_is_below_it(tmp_path):
 def test_sight_is_certain_where_it_says_so():
     rng = np.random.default_rng(7)
     mask = rs.Mask(np.deg2rad([0.0, 50.0, 180.0, 300.0]), np.deg2rad([1.0, 4.0, -2.0, 0.5]))
-    radar = rs.Radar(
-        rs.DetectionModel(rs.ConstantRCS(1.0), P_FA),
-        mask=mask,
-        max_range=8e4,
-        min_range=5e3,
-        horizon=rs.Horizon(),
-    )
+    model = rs.DetectionModel(rs.ConstantRCS(1.0), P_FA)
+    limits = {"max_range": 8e4, "min_range": 5e3, "horizon": rs.Horizon()}
+    radar = rs.Radar(model, mask=mask, **limits)
     n = 400
     aircraft = np.zeros((n, 6))
     aircraft[:, :2] = rng.uniform(-7e4, 7e4, (n, 2))
@@ -231,25 +201,18 @@ def test_sight_is_certain_where_it_says_so():
 
 def test_a_gap_of_the_mask_between_two_rows_is_found(tool, tmp_path):
     """The terrain hides the whole path but for a notch of 160 m between two rows."""
-    (tmp_path / "mask.csv").write_text(
-        csv(
-            "azimuth_deg,elevation_deg",
-            [(0, 30), (30, 30), (30.1, 0), (30.3, 0), (30.4, 30), (360, 30)],
-        )
-    )
-    place = "\n".join(f"{60 * i},{4e4},{1.5e4 + 9e3 * i},-3000" for i in range(4))
-    (tmp_path / "route.csv").write_text(f"time_s,north_m,east_m,down_m\n{place}\n")
-    s = document(
+    files(tmp_path, mask=[(0, 30), (30, 30), (30.1, 0), (30.3, 0), (30.4, 30), (360, 30)])
+    rows = [(60 * i, 4e4, 1.5e4 + 9e3 * i, -3000) for i in range(4)]
+    (tmp_path / "route.csv").write_text(csv("time_s,north_m,east_m,down_m", rows))
+    small = {"low": {"position_m": 1, "constant": 0.1}}
+    made(
+        tmp_path,
         aircraft={"rcs": SPHERE},
-        radar={"position_m": [0, 0, 0], "constant": C_R, "p_fa": P_FA, "mask": "mask.csv"},
+        radar__mask="mask.csv",
         geometry={"type": "path", "file": "route.csv"},
-        uncertainty={
-            "aircraft": {"position_m": 1, "attitude_deg": 0.1},
-            "radar": {"low": {"position_m": 1, "constant": 0.1}},
-        },
+        uncertainty={"aircraft": {"position_m": 1, "attitude_deg": 0.1}, "radar": small},
         analysis={"level": "low"},
     )
-    (tmp_path / "my.yaml").write_text(yaml_text(s))
     done = tool("variance", "my.yaml", "--threshold", "0.1", "--no-plot")
     assert done.code == 3
     assert "VIOLATED" in done.out
@@ -262,18 +225,13 @@ def test_a_radar_on_earth_has_its_own_vertical(tmp_path):
     rows = [(0, 50.5, 20.0, 9000), (60, 50.5, 20.1, 9000)]
     (tmp_path / "route.csv").write_text(csv("time_s,latitude_deg,longitude_deg,altitude_m", rows))
     radar = {"position_geodetic": place, "constant": C_R, "p_fa": P_FA}
-    s = document(
+    origin = {"latitude_deg": 41.0, "longitude_deg": 20.0, "altitude_m": 0}
+    s = made(
+        tmp_path,
         aircraft={"rcs": SPHERE},
         radar={**radar, "elevation_gain": "gain.csv", "mask": "mask.csv"},
-        geometry={
-            "type": "path",
-            "file": "route.csv",
-            "origin": {"latitude_deg": 41.0, "longitude_deg": 20.0, "altitude_m": 0},
-        },
-        analysis={"level": "low"},
+        geometry={"type": "path", "file": "route.csv", "origin": origin},
     )
-    (tmp_path / "my.yaml").write_text(yaml_text(s))
-    s = load_scenario(tmp_path / "my.yaml")
     a, f = 6378137.0, 1 / 298.257223563
     e2 = f * (2 - f)
 
@@ -300,28 +258,15 @@ def test_a_radar_on_earth_has_its_own_vertical(tmp_path):
 def test_a_network_has_a_row_for_each_tilt(tmp_path):
     files(tmp_path)
     level = {"low": {"position_m": 1, "constant": 0.5, "tilt_deg": 0.4}}
+    alike = {"constant": C_R, "p_fa": P_FA, "elevation_gain": "gain.csv", "uncertainty": level}
     radars = [
-        {
-            "name": name,
-            "position_m": [0, east, 0],
-            "constant": C_R,
-            "p_fa": P_FA,
-            "elevation_gain": "gain.csv",
-            "tilt_deg": tilt,
-            "uncertainty": level,
-        }
+        {"name": name, "position_m": [0, east, 0], "tilt_deg": tilt, **alike}
         for name, east, tilt in (("one", 0, 0), ("two", 2e4, 1))
     ]
-    content = document(aircraft__rcs=SPHERE)
-    del content["radar"], content["uncertainty"]["radar"]
-    content |= {"radars": radars, "analysis": {"level": "low"}}
-    content["geometry"] |= {
-        "range_km": 300,
-        "down_km": -8,
-        "azimuth_deg": {"start": 0, "stop": 20, "step": 20},
-    }
-    (tmp_path / "my.yaml").write_text(yaml_text(content))
-    budget = error_budget(load_scenario(tmp_path / "my.yaml"))
+    content = network_document(*radars)
+    content["aircraft"]["rcs"] = SPHERE
+    content["geometry"] |= {"range_km": 300, "down_km": -8, "azimuth_deg": AT_10}
+    budget = error_budget(loaded(tmp_path, content))
     assert min(budget.finer[f"{name}_tilt"].std.min() for name in ("one", "two")) > 0
     for name in ("one", "two"):
         parts = [budget.finer[f"{name}_{part}"].std for part in ("position", "constant", "tilt")]
@@ -387,24 +332,22 @@ def test_an_uncertain_tilt_needs_a_gain(tmp_path):
 
 
 def test_objects_that_are_not_allowed():
+    plain, flat = rs.ConstantRCS(1.0), np.zeros(2)
     for gain in ([0.0], [0.0, 3.0], [[0.0, 0.0]]):
         with pytest.raises(InputError, match="gain_db"):
             rs.ElevationGain(np.array([0.0, 0.1]), np.array(gain))
-    with pytest.raises(InputError, match="axes must be a rotation"):
-        rs.Mask(np.array([0.0, 1.0]), np.zeros(2), axes=np.ones((3, 3)))
     for wrong, message in (
         (lambda: rs.ElevationGain(np.array([0.1, 0.1]), np.zeros(2)), "elevation must ascend"),
         (lambda: rs.ElevationGain(np.zeros(1), np.zeros(1)), "elevation and gain_db must be two"),
         (lambda: rs.ElevationGain(np.arange(2) / 9, np.zeros(2), 2.0), r"tilt \[deg\] must be"),
         (lambda: rs.Mask(np.array([-3.0, 3.4]), np.zeros(2)), "azimuth must be within one turn"),
         (lambda: rs.Mask(np.array([0, 2 * np.pi]), np.arange(2) / 9), "elevation must be the same"),
+        (lambda: rs.Mask(np.arange(2.0), flat, axes=np.ones((3, 3))), "axes must be a rotation"),
+        (lambda: rs.DetectionModel(plain, P_FA, antenna="a"), "antenna must be ElevationGain or N"),
+        (lambda: dataclasses.replace(scenario().radars[0], mask=1), "mask must be Mask or None"),
     ):
         with pytest.raises(InputError, match=message):
             wrong()
-    with pytest.raises(InputError, match="antenna must be ElevationGain or None"):
-        rs.DetectionModel(rs.ConstantRCS(1.0), P_FA, antenna="gain.csv")
-    with pytest.raises(InputError, match="mask must be Mask or None"):
-        dataclasses.replace(scenario().radars[0], mask=1)
 
 
 def random_network(rng):

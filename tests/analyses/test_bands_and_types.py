@@ -15,15 +15,11 @@ from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.sources import error_budget
 
-P_FA, SHEET = 1e-6, {
-    "peak_power_kw": 60,
-    "gain_dbi": 33,
-    "frequency_ghz": 3,
-    "pulse_width_us": 5,
-    "temperature_k": 290,
-    "noise_figure_db": 3,
-    "losses_db": {"lines": 2},
-}  # fmt: skip
+P_FA = 1e-6
+SHEET = yaml.safe_load("""
+{peak_power_kw: 60, gain_dbi: 33, frequency_ghz: 3, pulse_width_us: 5, temperature_k: 290,
+ noise_figure_db: 3, losses_db: {lines: 2}}
+""")
 AREAS = {"s": 0.06, "x": 0.04}
 OWN, SHARED, RCS_DB, DISTANCE = 0.4, 1.2, 1.5, 40e3
 
@@ -37,22 +33,17 @@ def radar(name, band, **changes):
 
 def document(*radars, **changes):
     """Radars at one place, an aircraft that is known but for its RCS, and gain by type."""
+    fixed = yaml.safe_load(f"""
+        name: shared
+        types: {{filler: {{one: {{gain_dbi: {SHARED / 2}}}}}}}
+        geometry: {{type: orbit, range_km: {DISTANCE / 1e3}, down_km: 0,
+                   azimuth_deg: {{start: 0, stop: 0, step: 1}}}}
+        uncertainty: {{aircraft: {{position_m: 0, attitude_deg: 0, rcs_db: {RCS_DB}}}}}
+        analysis: {{level: one}}
+    """)
     rcs = {band: {"model": "constant", "rcs_m2": area} for band, area in AREAS.items()}
-    return {
-        "name": "shared",
-        "radars": list(radars),
-        "types": {"filler": {"one": {"gain_dbi": SHARED / 2}}},
-        "aircraft": {"rcs": {"bands": rcs}, "attitude_deg": [0, 0, 0]},
-        "geometry": {
-            "type": "orbit",
-            "range_km": DISTANCE / 1e3,
-            "down_km": 0,
-            "azimuth_deg": {"start": 0, "stop": 0, "step": 1},
-        },
-        "uncertainty": {"aircraft": {"position_m": 0, "attitude_deg": 0, "rcs_db": RCS_DB}},
-        "analysis": {"level": "one"},
-        **changes,
-    }
+    aircraft = {"rcs": {"bands": rcs}, "attitude_deg": [0, 0, 0]}
+    return {**fixed, "radars": list(radars), "aircraft": aircraft, **changes}
 
 
 def made(content):
@@ -161,58 +152,47 @@ def test_one_band_for_all_is_no_band():
 
 
 def test_the_record_reads_back():
-    for text in (yaml_text(document(radar("a", "s"), radar("b", "x"))),):
-        s = parse_scenario(text)
-        again = parse_scenario(yaml.safe_dump(s.resolved()))
-        assert again.resolved() == s.resolved()
-        assert again.model.p_d(s.aircraft, s.radar) == s.model.p_d(s.aircraft, s.radar)
+    s = made(document(radar("a", "s"), radar("b", "x")))
+    again = made(s.resolved())
+    assert again.resolved() == s.resolved()
+    assert again.model.p_d(s.aircraft, s.radar) == s.model.p_d(s.aircraft, s.radar)
     (alone,) = rs.load_scenario("configs/gap_fillers.yaml").resolved()["types"]
     assert alone == "gap_filler"
 
 
+def of_type(**deviation):
+    """The uncertainty of a type by the level of the radars."""
+    return {"types": {"filler": {"one": deviation}}}
+
+
+def with_rcs(**rcs):
+    """An aircraft with another RCS."""
+    return {"aircraft": {"rcs": rcs, "attitude_deg": [0, 0, 0]}}
+
+
+NUMBER = {"uncertainty": {"one": {"position_m": 0, "constant": 0.1}}}
 WRONG = {
-    "radars[2].band: must be one of s, x of aircraft.rcs.bands, got 'ss'; did you mean 's'?": (
-        radar("b", "ss"),
+    "radars[2].band: must be one of s, x of aircraft.rcs.bands, got 'ss'; d": (
+        {"band": "ss"},
         {},
     ),
-    "radars[2]: missing key 'band', one of s, x of aircraft.rcs.bands": (radar("b", None), {}),
-    "radars[2].type: must be one of types (filler), got 'fuller'; did you mean 'filler'?": (
-        radar("b", "s", type="fuller"),
-        {},
-    ),
-    "types.filler: must have the levels of its radars: one": (
-        radar("b", "s"),
-        {"types": {"filler": {"two": {"gain_dbi": 1}}}},
-    ),
-    "noise_figure_db stands at a radar of this type too; give only one of the two": (
-        radar("b", "s"),
-        {"types": {"filler": {"one": {"noise_figure_db": 1}}}},
-    ),
-    "types.filler.one.aperture_m2: is not in the data sheet": (
-        radar("b", "s"),
-        {"types": {"filler": {"one": {"aperture_m2": 1}}}},
-    ),
-    "radars[2].uncertainty.one.constant: must have standard deviations by parameter": (
-        radar("b", "s", uncertainty={"one": {"position_m": 0, "constant": 0.1}}),
-        {},
-    ),
-    "aircraft.rcs.bands: needs at least one band": (
-        radar("b", "s"),
-        {"aircraft": {"rcs": {"bands": {}}, "attitude_deg": [0, 0, 0]}},
-    ),
-    "radars[1].band: needs aircraft.rcs.bands, an RCS by band": (
-        radar("b", "s"),
-        {"aircraft": {"rcs": {"model": "constant", "rcs_m2": 1}, "attitude_deg": [0, 0, 0]}},
-    ),
-    "radars cannot be named a, type_filler": (radar("type_filler", "s"), {}),
-    "radars cannot be named a, aircraft_rcs_s": (radar("aircraft_rcs_s", "s"), {}),
+    "radars[2]: missing key 'band', one of s, x of aircraft.rcs.bands": ({"band": None}, {}),
+    "radars[2].type: must be one of types (filler), got 'fuller'; did": ({"type": "fuller"}, {}),
+    "types.filler: must have the levels of its radars": ({}, {"types": {"filler": {"two": {}}}}),
+    "noise_figure_db stands at a radar of this type too; giv": ({}, of_type(noise_figure_db=1)),
+    "types.filler.one.aperture_m2: is not in the data sheet": ({}, of_type(aperture_m2=1)),
+    "radars[2].uncertainty.one.constant: must have standard deviations by param": (NUMBER, {}),
+    "aircraft.rcs.bands: needs at least one band": ({}, with_rcs(bands={})),
+    "radars[1].band: needs aircraft.rcs.bands, an ": ({}, with_rcs(model="constant", rcs_m2=1)),
+    "radars cannot be named a, type_filler": ({"name": "type_filler"}, {}),
+    "radars cannot be named a, aircraft_rcs_s": ({"name": "aircraft_rcs_s"}, {}),
 }
 
 
 @pytest.mark.parametrize("says", WRONG)
 def test_contradictions_are_one_line(says):
-    other, changes = WRONG[says]
-    other = {key: value for key, value in other.items() if value is not None}
+    own, changes = WRONG[says]
+    other = {key: v for key, v in (radar("b", "s") | own).items() if v is not None}
     with pytest.raises(rs.InputError) as error:
         made(document(radar("a", "s"), other, **changes))
     line = str(error.value)

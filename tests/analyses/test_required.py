@@ -2,29 +2,22 @@
 
 import numpy as np
 import pytest
-from helpers import scenario
 
 import radar_sense as rs
 
 
-def near(constant, std, **keys):
-    return scenario(
-        radar={"position_m": [0, 0, 0], "p_fa": 1e-6, "detector": "swerling1", **keys},
-        radar__constant=constant,
-        aircraft={"rcs": {"model": "constant", "rcs_m2": 1.0}, "attitude_deg": [0, 0, 0]},
-        geometry={
-            "type": "radial",
-            "azimuth_deg": 0,
-            "azimuth_from": "north",
-            "down_km": -1,
-            "range_km": {"start": 60, "stop": 61, "step": 1},
-        },
-        uncertainty={
-            "aircraft": {"position_m": 10, "attitude_deg": 1},
-            "radar": {"now": {"position_m": 100, "constant": std}},
-        },
-        analysis={"level": "now"},
-    )
+def near(constant, std, rest=""):
+    """A scenario of a radar that sees an aircraft 60 km in the north, with other keys of it."""
+    return rs.parse_scenario(f"""
+        name: near
+        radar: {{position_m: [0, 0, 0], p_fa: 1e-6, detector: swerling1, {constant}{rest}}}
+        aircraft: {{rcs: {{model: constant, rcs_m2: 1}}, attitude_deg: [0, 0, 0]}}
+        geometry: {{type: radial, azimuth_deg: 0, azimuth_from: north, down_km: -1,
+                   range_km: {{start: 60, stop: 61, step: 1}}}}
+        uncertainty: {{aircraft: {{position_m: 10, attitude_deg: 1}},
+                      radar: {{now: {{position_m: 100, constant: {std}}}}}}}
+        analysis: {{level: now}}
+    """)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +29,7 @@ def near(constant, std, **keys):
     ],
 )
 def test_a_violated_threshold_requires_something(constant, std, p_max, impossible):
-    s = near(constant, std)
+    s = near(f"constant: {constant}", std)
     assert rs.analyses.variance(s, threshold=p_max).passed is False
     required = rs.analyses.budget(s, threshold=p_max).summary["threshold"]["required_accuracy"]
     for accuracy in required.values():
@@ -46,7 +39,7 @@ def test_a_violated_threshold_requires_something(constant, std, p_max, impossibl
 
 def test_sigma_of_few_draws_that_reach_no_limit_is_no_certainty():
     """The radar sees to 60.8 km, and one run in 541 is beyond it: P_D is 0 there, else 1."""
-    s = near(30, 0.03, max_range_km=60.8).at_poses(slice(0, 1))
+    s = near("constant: 30", 0.03, ", max_range_km: 60.8").at_poses(slice(0, 1))
     s = s.at_states(s.aircraft + np.array([[500.0, 0, 0, 0, 0, 0]]))
     result = rs.analyses.budget(s, method="montecarlo", runs=64)
     assert not any("certain" in line for line in result.report)
@@ -55,33 +48,10 @@ def test_sigma_of_few_draws_that_reach_no_limit_is_no_certainty():
 
 def test_a_threshold_that_holds_requires_nothing():
     """FORM takes the gain as normal, and it is rectangular: its tail ends at 2 dB."""
-    s = scenario(
-        radar={
-            "position_m": [0, 0, 0],
-            "p_fa": 1e-6,
-            "detector": "swerling1",
-            "tracking": {
-                "peak_power_kw": 100,
-                "gain_dbi": 34,
-                "frequency_ghz": 3,
-                "pulse_width_us": 10,
-                "noise_figure_db": 4,
-                "loss_db": 8,
-            },
-        },
-        aircraft={"rcs": {"model": "constant", "rcs_m2": 1.0}, "attitude_deg": [0, 0, 0]},
-        uncertainty={
-            "aircraft": {"position_m": 10, "attitude_deg": 1},
-            "radar": {
-                "now": {
-                    "position_m": 10,
-                    "constant": {"gain_dbi": {"half_width": 2}, "peak_power_kw": 5},
-                }
-            },
-        },
-        geometry__range_km=100,
-        analysis={"level": "now"},
-    ).at_poses(slice(0, 1))
+    sheet = """tracking: {peak_power_kw: 100, gain_dbi: 34, frequency_ghz: 3, pulse_width_us: 10,
+                          noise_figure_db: 4, loss_db: 8}"""
+    s = near(sheet, "{gain_dbi: {half_width: 2}, peak_power_kw: 5}").at_poses(slice(0, 1))
+    s = s.at_states(s.aircraft + np.array([[40e3, 0, -2e3, 0, 0, 0]]))
     form = rs.analyses.variance(s.with_analysis(method="form")).table["upper_3sigma"][0]
     true = rs.analyses.variance(s).table["upper_3sigma"][0]
     p_max = round(true + 0.7 * (form - true), 4)
