@@ -6,7 +6,16 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from helpers import dashes, document, lay_out, legend_off_data, scenario, small_batches, yaml_text
+from helpers import (
+    dashes,
+    lay_out,
+    legend_off_data,
+    network_document,
+    radar_entry,
+    scenario,
+    small_batches,
+    yaml_text,
+)
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
@@ -26,25 +35,25 @@ ALL = {
     "validate": partial(analyses.validate, digits=1),
 }
 POLAR = {"range": (analyses.range, ["polar"]), "rcs": (analyses.rcs, ["polar", None])}
+AZIMUTHS = {"start": 0, "stop": 180, "step": 15}
 LONG = "a-level-name-of-forty-letters-0123456789"
+
+
+def levels(**sizes):
+    """Changes of the scenario: levels with deviations of these sizes, the last in use."""
+    sizes = {name: {"position_m": size, "constant": size} for name, size in sizes.items()}
+    return {"uncertainty__radar": sizes, "analysis": {"level": [*sizes][-1]}}
+
+
 SCENARIOS = {
     "paper": {},
     "one pose": {"geometry__azimuth_deg": {"start": 45, "stop": 45, "step": 1}},
     "backwards": {"geometry__azimuth_deg": {"start": 90, "stop": -90, "step": -60}},
-    "long names": {
-        "uncertainty__radar": {LONG: {"position_m": 1, "constant": 1}},
-        "analysis": {"level": LONG},
-    },
-    "many levels": {
-        "uncertainty__radar": {f"level{i}": {"position_m": i, "constant": i} for i in range(9)},
-        "analysis": {"level": "level8"},
-    },
+    "long names": levels(**{LONG: 1}),
+    "many levels": levels(**{f"level{i}": i for i in range(9)}),
     "no uncertainty": {
-        "uncertainty": {
-            "aircraft": {"position_m": 0, "attitude_deg": 0},
-            "radar": {"none": {"position_m": 0, "constant": 0}},
-        },
-        "analysis": {"level": "none"},
+        "uncertainty__aircraft": {"position_m": 0, "attitude_deg": 0},
+        **levels(none=0),
     },
 }
 
@@ -118,13 +127,7 @@ def test_the_footer_of_a_map_has_a_method_only_if_a_bound_is_shown():
 
 
 def test_a_long_footer_is_on_several_lines():
-    result = analyses.variance(
-        scenario(
-            uncertainty__radar={LONG: {"position_m": 1, "constant": 1}},
-            analysis__level=LONG,
-            name="scenario-" * 6,
-        )
-    )
+    result = analyses.variance(scenario(**levels(**{LONG: 1}), name="scenario-" * 6))
     figure = lay_out(result.plot())
     footer_off_all(figure)
     assert figure.get_supxlabel().count("\n") == 1
@@ -141,21 +144,15 @@ def test_no_two_of_24_styles_are_alike(taken):
 def many_radars(count=12):
     """A network of radars around the aircraft, the last ones at its edges."""
     angle = 2 * np.pi * np.arange(count) / count
-    content = document(
-        geometry__range_km=150,
-        uncertainty={"aircraft": {"position_m": 50, "attitude_deg": 1}},
-        radars=[
-            {
-                "name": f"site{i:02d}",
-                "position_m": [float(250e3 * np.cos(a)), float(250e3 * np.sin(a)), -30.0],
-                "constant": 2.0,
-                "p_fa": 1.7e-4,
-                "uncertainty": {"medium": {"position_m": 100, "constant": 0.1}},
-            }
-            for i, a in enumerate(angle)
-        ],
-    )
-    del content["radar"]
+    places = 250e3 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    alike = {"constant": 2.0, "uncertainty": {"low": {"position_m": 100, "constant": 0.1}}}
+    radars = [
+        radar_entry(f"site{i:02d}", position_m=[*place.tolist(), -30.0], p_fa=1.7e-4, **alike)
+        for i, place in enumerate(places)
+    ]
+    content = network_document(*radars)
+    content["geometry"] |= {"range_km": 150, "azimuth_deg": AZIMUTHS}
+    content["uncertainty"] = {"aircraft": {"position_m": 50, "attitude_deg": 1}}
     return parse_scenario(yaml_text(content))
 
 
@@ -170,8 +167,9 @@ def many_lines(of):
         result = analyses.variance(many_radars(), method="linear")
         return result, result.scenario.model.names
     names = tuple(f"level{i}" for i in range(8))
-    levels = {n: {"position_m": 9.0 * i, "constant": 2.0 * i + 1} for i, n in enumerate(names)}
-    s = scenario(uncertainty__radar=levels, analysis__level="level3").at_poses(slice(0, None, 6))
+    s = scenario(**levels(**{n: 2 * i + 1 for i, n in enumerate(names)})).at_poses(
+        slice(0, None, 6)
+    )
     return analyses.sensitivity(s), names
 
 
@@ -183,11 +181,9 @@ def test_many_lines_are_told_apart(of, style):
     result, names = many_lines(of)
     figure = lay_out(result.plot(style))
     (axes,), (legend,) = figure.axes, figure.legends
-    pairs = [
-        (line.get_color(), dashes(line))
-        for line in axes.lines
-        if line.get_color() not in ("black", plotting.BAND[0] if of == "radars" else "")
-    ]
+    others = ("black", plotting.BAND[0] if of == "radars" else "")
+    named = [line for line in axes.lines if line.get_color() not in others]
+    pairs = [(line.get_color(), dashes(line)) for line in named]
     assert len(set(pairs)) == len(pairs) == len(names)
     assert set(names) <= {text.get_text() for text in legend.get_texts()}
     assert legend.get_window_extent().height < 0.25 * figure.bbox.height
@@ -261,11 +257,10 @@ def test_style_of_the_saved_figure_and_only_of_the_figure(tmp_path):
     result = at_few_poses("budget")
     for style in plotting.STYLES:
         result.save(tmp_path / style, ["svg"], style=style)
-    widths = [
-        float(re.search(r'width="([0-9.]+)pt"', (folder / "paper_budget.svg").read_text())[1])
-        for folder in (tmp_path / style for style in plotting.STYLES)
-    ]
-    assert widths == pytest.approx([72 * style.width for style in plotting.STYLES.values()])
+        (width,) = re.findall(
+            r'svg .*width="([0-9.]+)pt"', (tmp_path / style / "paper_budget.svg").read_text()
+        )
+        assert float(width) == pytest.approx(72 * plotting.STYLES[style].width)
     tables = {(tmp_path / style / "paper_budget.csv").read_bytes() for style in plotting.STYLES}
     assert len(tables) == 1
     with pytest.raises(ValueError, match="style must be one of one-column, two-columns, slides"):
@@ -284,19 +279,14 @@ def test_layout_of_detectors(p_fa, monkeypatch):
     (legend,) = figure.legends
     assert not legend.get_window_extent().overlaps(top.get_window_extent())
     boxes = [text.get_window_extent() for text in top.texts]
-    for i, box in enumerate(boxes):
-        inside = top.get_window_extent()
-        assert inside.x0 < box.x0 < box.x1 < inside.x1
-        assert box.y1 < inside.y1
-        assert box.y0 > top.transData.transform((0, 1.0))[1]
-        assert not any(box.overlaps(other) for other in boxes[:i])
+    floors = top.transData.transform((0, 1.0))[1], slope.get_window_extent().y0
+    for axes, floor in zip((top, slope), floors, strict=True):
+        words, inside = [text.get_window_extent() for text in axes.texts], axes.get_window_extent()
+        assert not overlapping(words)
+        for box in words:
+            assert inside.x0 < box.x0 < box.x1 < inside.x1
+            assert floor < box.y0 < box.y1 < inside.y1
     assert "[dB]" in slope.get_xlabel()
-    words = [text.get_window_extent() for text in slope.texts]
-    for i, box in enumerate(words):
-        inside = slope.get_window_extent()
-        assert inside.x0 < box.x0 < box.x1 < inside.x1
-        assert inside.y0 < box.y0 < box.y1 < inside.y1
-        assert not any(box.overlaps(other) for other in words[:i])
     assert len(top.lines) == 4 * len(boxes)
     # distinct without colour: two solid lines of different width, and dashes
     for axes in (top, bottom):
@@ -308,8 +298,8 @@ def test_layout_of_detectors(p_fa, monkeypatch):
 
 
 def test_ten_thousand_runs_make_a_small_file_that_says_so():
-    sweep = {"start": 0, "stop": 180, "step": 15}  # lines at all poses would make a large file
-    s = scenario(geometry__azimuth_deg=sweep).with_analysis(runs=10_000)
+    # lines at all poses would make a large file
+    s = scenario(geometry__azimuth_deg=AZIMUTHS).with_analysis(runs=10_000)
     figure = analyses.montecarlo(s, workers=2).plot()
     assert any("500 of 10000 runs" in text.get_text() for text in figure.legends[0].get_texts())
     for kind in ("pdf", "svg"):
@@ -333,12 +323,9 @@ def test_very_many_poses_make_a_small_file():
     result = analyses.variance(few, threshold=0.9, method="linear")
     x, noise = s.axis.values, 0.1 * np.random.default_rng(1).standard_normal(len(s.axis))
     drawn = result.draw.keywords
-    band = Band(
-        **{
-            name: np.interp(x, few.axis.values, getattr(drawn["band"], name)) + noise
-            for name in ("p_d", "lower", "upper", "error")
-        }
-    )
+    names = ("p_d", "lower", "upper", "error")
+    rows = {name: np.interp(x, few.axis.values, getattr(drawn["band"], name)) for name in names}
+    band = Band(**{name: row + noise for name, row in rows.items()})
     many = Result(s)
     many.table.add("violated", (noise > 0).astype(float), "")
     figure = plotting.draw(partial(result.draw, result=many, band=band), "")
@@ -407,10 +394,8 @@ def test_axes_of_ones_own(name):
     result = analysis(load_scenario())
     count = len([axes for axes in result.plot().axes if axes.get_label() != "<colorbar>"])
     figure = plotting.Figure()
-    own = [
-        figure.add_subplot(count, 1, i + 1, projection=kind)
-        for i, kind in enumerate(kinds or [None] * count)
-    ]
+    kinds_of = enumerate(kinds or [None] * count)
+    own = [figure.add_subplot(count, 1, i + 1, projection=kind) for i, kind in kinds_of]
     assert result.plot(ax=own) is figure
     assert [a for a in figure.axes if a.get_label() != "<colorbar>"] == own
     for axes, drawn in zip(own, result.plot().axes, strict=False):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, document, scenario, sheet_scenario, with_arrays, yaml_text
+from helpers import OVERHEAD, scenario, sheet_scenario, with_arrays
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
@@ -59,21 +59,15 @@ def tracking(level=None, rcs=None, uncertain=None, **radar):
              "noise_figure_db": 4, "losses_db": {"line": 2, "beam_shape": 1.6}}  # fmt: skip
     given = {"position_m": [0, 0, 0], "tracking": sheet, "p_fa": 1e-6, "detector": "swerling1"}
     parts = {"gain_dbi": 0.5, "noise_figure_db": 0.3, "losses_db": {"line": 0.4}}
-    position = {"position_m": 0, "attitude_deg": 0}
-    return rs.parse_scenario(
-        yaml_text(
-            document(
-                radar=given | radar,
-                aircraft__rcs=rcs or {"model": "constant", "rcs_m2": 0.2},
-                geometry__range_km=30,
-                geometry__azimuth_deg=ONE_POSE,
-                uncertainty={
-                    "aircraft": position | (uncertain or {}),
-                    "radar": {"sheet": {"position_m": 0, "constant": parts, **(level or {})}},
-                },
-                analysis={"level": "sheet", "runs": 500, "seed": 1},
-            )
-        )
+    aircraft = {"position_m": 0, "attitude_deg": 0, **(uncertain or {})}
+    own = {"sheet": {"position_m": 0, "constant": parts, **(level or {})}}
+    return scenario(
+        radar=given | radar,
+        aircraft__rcs=rcs or {"model": "constant", "rcs_m2": 0.2},
+        geometry__range_km=30,
+        geometry__azimuth_deg=ONE_POSE,
+        uncertainty={"aircraft": aircraft, "radar": own},
+        analysis={"level": "sheet", "runs": 500, "seed": 1},
     )
 
 

@@ -58,13 +58,8 @@ def test_each_radar_by_itself():
     assert_array_equal(parts["r1"].radar, [1e5, 0, 0, 100])
     assert_array_equal(cov_by_level(parts["r0"])["high"], cov_by_level(PAPER)["high"])
     assert_array_equal(cov_by_level(parts["r1"])["high"], 4 * cov_by_level(PAPER)["high"])
-    expected = propagate(
-        RADAR_MODEL,
-        scenario.aircraft,
-        parts["r1"].radar,
-        scenario.cov_aircraft,
-        4 * PAPER.cov_radar,
-    )
+    states = scenario.aircraft, parts["r1"].radar
+    expected = propagate(RADAR_MODEL, *states, scenario.cov_aircraft, 4 * PAPER.cov_radar)
     assert_array_equal(propagate_scenario(parts["r1"]).std, expected.std)
 
 
@@ -73,14 +68,8 @@ def test_variance_table_has_each_radar_and_the_network():
     table = analyses.variance(scenario, method="probit").table
     for i in range(2):
         part = single_radar_scenarios(scenario)[f"r{i}"]
-        single = propagate(
-            part.model,
-            part.aircraft,
-            part.radar,
-            part.cov_aircraft,
-            part.cov_radar,
-            method="probit",
-        )
+        given = part.model, part.aircraft, part.radar, part.cov_aircraft, part.cov_radar
+        single = propagate(*given, method="probit")
         assert_array_equal(table[f"p_d_r{i}"], single.p_d)
         assert_array_equal(table[f"sigma_pd_r{i}"], single.std)
         away = np.linalg.norm(scenario.aircraft[:, :3] - part.radar[:3], axis=1)

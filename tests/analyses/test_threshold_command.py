@@ -44,15 +44,8 @@ def test_threshold_columns(tool, method, k):
     for column, values in before.items():
         np.testing.assert_array_equal(found[column], values)
     s = rs.load_scenario("my.yaml")
-    moments = rs.propagate(
-        s.model,
-        s.aircraft,
-        s.radar,
-        s.cov_aircraft,
-        cov_by_level(s)["medium"],
-        method=method,
-        beta=k,
-    )
+    given = s.model, s.aircraft, s.radar, s.cov_aircraft, cov_by_level(s)["medium"]
+    moments = rs.propagate(*given, method=method, beta=k)
     np.testing.assert_allclose(found[bound], moments.upper, rtol=1e-13)
     if method == "linear":
         assert found[bound] == pytest.approx(found["p_d"] + k * found["sigma_pd"], rel=1e-12)
