@@ -278,24 +278,14 @@ def dashes(line):
 
 # A radar by its data sheet.
 
-SURVEILLANCE = {
-    "average_power_kw": 10,
-    "aperture_m2": 15,
-    "temperature_k": 290,
-    "rotation_rpm": 10,
-    "search_volume_sr": 2,
-    "loss_db": 8,
-    "noise_figure_db": 3,
-}
-TRACKING = {
-    "peak_power_kw": 250,
-    "gain_dbi": 40,
-    "frequency_ghz": 9.4,
-    "pulse_width_us": 0.8,
-    "temperature_k": 290,
-    "loss_db": 6,
-    "noise_figure_db": 4,
-}
+SURVEILLANCE = yaml.safe_load("""
+{average_power_kw: 10, aperture_m2: 15, temperature_k: 290, rotation_rpm: 10, search_volume_sr: 2,
+ loss_db: 8, noise_figure_db: 3}
+""")
+TRACKING = yaml.safe_load("""
+{peak_power_kw: 250, gain_dbi: 40, frequency_ghz: 9.4, pulse_width_us: 0.8, temperature_k: 290,
+ loss_db: 6, noise_figure_db: 4}
+""")
 TOLERANCES = {
     "surveillance": {"loss_db": 1, "noise_figure_db": 0.5, "average_power_kw": 0.5},
     "tracking": {"gain_dbi": 0.5, "frequency_ghz": 0.05, "pulse_width_us": 0.05, "loss_db": 0.7},
@@ -335,6 +325,9 @@ def part_name(key):
 
 
 # Scenarios from arrays.
+
+#: Fields of a scenario that are no arrays.
+CHOICES = ("name", "level", "runs", "seed", "method", "rcs_db", "correlation_s")
 
 
 def scenario_of(
@@ -391,23 +384,14 @@ def tolerances_by_level(scenario):
 
 def with_arrays(scenario, **arrays):
     """Return a scenario with other arrays or fields, those of `scenario_of`."""
-    given = {
-        "model": scenario.model,
-        "radar": scenario.radar,
-        "aircraft": scenario.aircraft,
-        "cov_aircraft": scenario.cov_aircraft,
+    states = ("model", "radar", "aircraft", "cov_aircraft", "time_s", "origin", "axis")
+    given = {name: getattr(scenario, name) for name in (*states, *CHOICES)}
+    given |= {
         "cov_radar": cov_by_level(scenario),
         "tolerances": tolerances_by_level(scenario),
         "attenuation_std": {
             level: tuple(radar.levels[level].attenuation_std for radar in scenario.radars)
             for level in scenario.levels
-        },
-        "time_s": scenario.time_s,
-        "origin": scenario.origin,
-        "axis": scenario.axis,
-        **{
-            name: getattr(scenario, name)
-            for name in ("name", "level", "runs", "seed", "method", "rcs_db", "correlation_s")
         },
     } | arrays
     if len(as_network(given["model"]).radars) != len(scenario.radars):
@@ -439,7 +423,7 @@ def assert_same_scenario(found, expected):
     np.testing.assert_array_equal(found.axis.values, expected.axis.values)
     p_d = (s.model.p_d(s.aircraft, s.radar) for s in (found, expected))
     np.testing.assert_array_equal(*p_d)
-    for name in ("name", "level", "runs", "seed", "method", "rcs_db", "correlation_s"):
+    for name in CHOICES:
         assert getattr(found, name) == getattr(expected, name), name
 
 
@@ -508,16 +492,10 @@ def standard_normal_space(*states, log_constant=False):
 
 def radar_entry(name, /, **changes):
     """One of `radars` of a document; a change to None takes a key away."""
-    entry = {
-        "name": name,
-        "position_m": [1e3, 2e3, -30],
-        "constant": 160,
-        "p_fa": 1e-4,
-        "uncertainty": {
-            "low": {"position_m": 10, "constant": 1},
-            "high": {"position_m": [100, 200, 10], "constant": 5},
-        },
-    }
+    low = {"position_m": 10, "constant": 1}
+    high = {"position_m": [100, 200, 10], "constant": 5}
+    entry = {"name": name, "position_m": [1e3, 2e3, -30], "constant": 160, "p_fa": 1e-4}
+    entry["uncertainty"] = {"low": low, "high": high}
     return {k: v for k, v in {**entry, **changes}.items() if v is not None}
 
 
@@ -575,24 +553,11 @@ def few_draws(patch, draws=128, replicates=2):
 
 
 #: Two radars with data sheets and one with a number as c_r, and their uncertainty at level sheet.
-MIXED_SEARCH = {
-    "average_power_kw": 2.1,
-    "aperture_m2": 2.874,
-    "temperature_k": 487,
-    "rotation_rpm": 12.5,
-    "search_volume_sr": 4.039,
-    "loss_db": 22.5,
-    "noise_figure_db": 0,
-}
-MIXED_TRACK = {
-    "peak_power_kw": 2000,
-    "gain_dbi": 36,
-    "frequency_ghz": 9.4,
-    "pulse_width_us": 0.8,
-    "temperature_k": 290,
-    "loss_db": 6,
-    "noise_figure_db": 4,
-}
+MIXED_SEARCH = yaml.safe_load("""
+{average_power_kw: 2.1, aperture_m2: 2.874, temperature_k: 487, rotation_rpm: 12.5,
+ search_volume_sr: 4.039, loss_db: 22.5, noise_figure_db: 0}
+""")
+MIXED_TRACK = {**TRACKING, "peak_power_kw": 2000, "gain_dbi": 36}
 MIXED_SEARCH_STD = {"average_power_kw": 0.1, "temperature_k": 30, "loss_db": 1.2}
 MIXED_TRACK_STD = {"gain_dbi": 0.5, "frequency_ghz": 0.3, "loss_db": 0.8}
 MIXED_RANGE, MIXED_DOWN, MIXED_AREA, MIXED_P_FA = 70e3, -3e3, 0.8, 1e-6
@@ -601,17 +566,10 @@ MIXED_NUMBER = (0.0045, 0.0004)  # c_r of the third, and its standard deviation
 
 
 def _mixed_entry(name, data_sheet, std, position_m=20, **more):
-    return {
-        "name": name,
-        "position_m": MIXED_POSITIONS[name],
-        **data_sheet,
-        "p_fa": MIXED_P_FA,
-        **more,
-        "uncertainty": {
-            "plain": {"position_m": position_m, "constant": 0.0002},
-            "sheet": {"position_m": position_m, "constant": std},
-        },
-    }
+    levels = {"plain": 0.0002, "sheet": std}.items()
+    uncertainty = {key: {"position_m": position_m, "constant": value} for key, value in levels}
+    given = {"name": name, "position_m": MIXED_POSITIONS[name], "p_fa": MIXED_P_FA}
+    return {**given, **data_sheet, **more, "uncertainty": uncertainty}
 
 
 def mixed_radars(search_std=MIXED_SEARCH_STD, track_std=MIXED_TRACK_STD, **more):
