@@ -46,13 +46,7 @@ def test_what_is_refused(evaluations, memory, words):
 
 @pytest.mark.parametrize(
     ("seconds", "words"),
-    [
-        (12, "12 seconds"),
-        (119, "119 seconds"),
-        (600, "10 minutes"),
-        (7200, "2 hours"),
-        (1e6, "12 days"),
-    ],
+    [(12, "12 seconds"), (119, "119 seconds"), (600, "10 minutes"), (7200, "2 hours")],
 )
 def test_durations(seconds, words):
     assert cost.duration(seconds) == words

@@ -29,11 +29,12 @@ analysis: {level: low, runs: 20}
 """
 
 
-def process(folder: Path, *args: str, shell: str = "", **environment: str | None):
+def process(folder: Path, *args: str, shell: str = "", variables: str = ""):
     """Run the tool in another process, with some variables of the environment set or unset."""
     (folder / "tiny.yaml").write_text(TINY)
-    env = {**os.environ, **{k: v for k, v in environment.items() if v is not None}}
-    for name in [name for name, value in environment.items() if value is None]:
+    given = [word.partition("=") for word in variables.split()]
+    env = {**os.environ, **{name: value for name, _, value in given}}
+    for name in [name for name, is_set, _ in given if not is_set]:
         env.pop(name, None)
     command = [sys.executable, "-m", "radar_sense", *args]
     if shell:
@@ -41,29 +42,15 @@ def process(folder: Path, *args: str, shell: str = "", **environment: str | None
     return subprocess.run(command, cwd=folder, env=env, capture_output=True, check=False)
 
 
-#: Environment variables and their values; None unsets.
+#: Environment variables and their values; one without a value is unset.
 ENVIRONMENTS = {
-    "a notebook's backend, warnings as errors, no home": {
-        "MPLBACKEND": "module://matplotlib_inline.backend_inline",
-        "PYTHONWARNINGS": "error",
-        "HOME": "/nonexistent",
-        "MPLCONFIGDIR": None,
-        "XDG_CACHE_HOME": None,
-        "XDG_CONFIG_HOME": None,
-        "NO_COLOR": "1",
-        "OPENBLAS_NUM_THREADS": "2",
-        "PYTHONHASHSEED": "7",
-        "TZ": "Asia/Tokyo",
-    },
-    "the C locale, no UTF-8": {
-        "LC_ALL": "C",
-        "PYTHONUTF8": "0",
-        "PYTHONCOERCECLOCALE": "0",
-        "MPLCONFIGDIR": "settings",  # with TeX for all text
-        "MATPLOTLIBRC": "broken",
-        "TERM": "dumb",
-        "COLUMNS": "0",
-    },
+    "a notebook's backend, warnings as errors, no home": "PYTHONWARNINGS=error "
+    "HOME=/nonexistent MPLCONFIGDIR XDG_CACHE_HOME XDG_CONFIG_HOME NO_COLOR=1 "
+    "OPENBLAS_NUM_THREADS=2 PYTHONHASHSEED=7 TZ=Asia/Tokyo "
+    "MPLBACKEND=module://matplotlib_inline.backend_inline",
+    # the settings have TeX for all text
+    "the C locale, no UTF-8": "LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0 MPLCONFIGDIR=settings "
+    "MATPLOTLIBRC=broken TERM=dumb COLUMNS=0",
 }
 
 
@@ -80,7 +67,7 @@ def test_the_environment_changes_no_byte(tool, tmp_path, name):
     (folder / "broken").write_bytes(b"figure.dpi: 20\nno setting: \xff\n")
     kind = "svg" if "home" in name else "pdf"
     args = ["variance", "tiny.yaml", f"--format={kind}"]
-    done = process(folder, *args, **ENVIRONMENTS[name])
+    done = process(folder, *args, variables=ENVIRONMENTS[name])
     assert done.returncode == 0, done.stderr
     assert done.stderr == b""
     Path("tiny.yaml").write_text(TINY)

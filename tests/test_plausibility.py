@@ -15,11 +15,6 @@ from radar_sense.scenario_file.load import parse_scenario
 ROUTE = (
     "time_s,north_m,east_m,down_m\n0,300000,0,-9000\n20,300000,4000,-9000\n40,300000,8000,-9000\n"
 )
-GEODETIC = """time_s,latitude_deg,longitude_deg,altitude_m
-0,{lat},{lon},{alt}
-20,{lat},{lon2},{alt}
-40,{lat},{lon3},{alt}
-"""
 ORIGIN = {"latitude_deg": 47.3, "longitude_deg": 8.5, "altitude_m": 400}
 
 
@@ -27,10 +22,13 @@ def of_route(folder, text, **changes):
     return plausibility_warnings(rs.load_scenario(write_path(folder, text, **changes)))
 
 
-def geodetic(folder, lat=46.5, lon=9.0, alt=9000):
-    text = GEODETIC.format(lat=lat, lon=lon, lon2=lon + 0.05, lon3=lon + 0.1, alt=alt)
+def geodetic(folder, lat=46.5, lon=9.0, alt=9000, middle=None, **changes):
+    """Warnings of three rows with latitude and longitude, of which one may be at another height."""
+    heights = enumerate((alt, alt if middle is None else middle, alt))
+    rows = [f"{20 * i},{lat},{lon + 0.05 * i},{height}" for i, height in heights]
+    text = "\n".join(["time_s,latitude_deg,longitude_deg,altitude_m", *rows])
     path = {"type": "path", "file": "route.csv", "origin": ORIGIN}
-    return of_route(folder, text, geometry=path)
+    return of_route(folder, text, geometry=path, **changes)
 
 
 def test_ordinary_scenarios_have_no_warning(tmp_path):
@@ -54,15 +52,10 @@ def test_swapped_latitude_and_longitude(tmp_path):
 
 
 def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
-    text = GEODETIC.format(lat=46.5, lon=9.0, lon2=9.05, lon3=9.1, alt=9000)
     place = {"latitude_deg": 8.5, "longitude_deg": 47.3, "altitude_m": 400}
     radar = {"position_geodetic": place, "constant": 1e6, "p_fa": 1e-6}
-    path = {"type": "path", "file": "route.csv", "origin": ORIGIN}
-    warnings = of_route(tmp_path, text, geometry=path, radar=radar)
-    assert any(
-        "km from the radar: are positions in their units, and latitude and longitude" in w
-        for w in warnings
-    )
+    words = "km from the radar: are positions in their units, and latitude and longitude"
+    assert words in "".join(geodetic(tmp_path, radar=radar))
 
 
 def test_below_the_ground(tmp_path):
@@ -70,48 +63,51 @@ def test_below_the_ground(tmp_path):
     assert "3000 m below the origin and below every radar at all 361 poses" in warning
     (warning,) = geodetic(tmp_path, alt=-900)
     assert "900 m below the ellipsoid" in warning
-    one_row = GEODETIC.replace("\n20,{lat},{lon2},{alt}", "\n20,{lat},{lon2},-700")
-    text = one_row.format(lat=46.5, lon=9, lon2=9.05, lon3=9.1, alt=300)
-    path = {"type": "path", "file": "route.csv", "origin": ORIGIN}
-    assert any("700 m below the ellipsoid" in w for w in of_route(tmp_path, text, geometry=path))
+    one_row = geodetic(tmp_path, alt=300, middle=-700)
+    assert any("700 m below the ellipsoid" in warning for warning in one_row)
 
 
-STRONG = {"radar__constant": 1e6}
 CERTAIN = {"uncertainty__radar__medium__constant": 0}
+
+
+def away(km):
+    """A strong radar at a distance."""
+    return {"geometry__range_km": km, "radar__constant": 1e6}
+
+
+def sigma(metres):
+    """Deviations of the aircraft's position."""
+    return {"uncertainty__aircraft__position_m": metres}
+
+
+def sigma_of_constant(value, level="medium"):
+    """The deviation of c_r at a level."""
+    return {f"uncertainty__radar__{level}__constant": value}
+
+
 #: An implausible scenario, its only warning, and one that is still plausible.
 IMPLAUSIBLE = [
+    ({"radar__max_range_km": 100}, "no radar sees the aircraft at a nominal pose: see max_ra", {}),
+    (away(5100), "the aircraft is up to 5100 km from the radar: are positions", away(4900)),
     (
-        {"radar__max_range_km": 100},
-        "no radar sees the aircraft at a nominal pose: see max_range_km",
-        {},
-    ),
-    (
-        {"geometry__range_km": 5100, **STRONG},
-        "the aircraft is up to 5100 km from the radar: are positions",
-        {"geometry__range_km": 4900, **STRONG},
-    ),
-    (
-        {"geometry__down_km": -3000, "uncertainty__aircraft__position_m": 1, **STRONG},
+        {"geometry__down_km": -3000, **sigma(1), "radar__constant": 1e6},
         "the aircraft is up to 3000 km above the origin: is the height in its unit? [too-high]",
         {},
     ),
     (
-        {"uncertainty__aircraft__position_m": 3001},
+        sigma(3001),
         "sigma of the height, 3001 m, is above the height at all poses, 3000 m above the origin at "
         "most: are both in their units? [uncertainty-large]",
-        {"uncertainty__aircraft__position_m": 2999},
+        sigma(2999),
     ),
     (
-        {"uncertainty__radar__medium__constant": 168},
+        sigma_of_constant(168),
         "sigma of c_r, 168, is above c_r itself, 167, at the level medium: are both in the same "
         "unit? [uncertainty-large]",
-        {"uncertainty__radar__medium__constant": 166},
+        sigma_of_constant(166),
     ),
-    (  # of the level in use only
-        {"uncertainty__radar__medium__constant": 168},
-        "sigma of c_r, 168, is above c_r itself",
-        {"uncertainty__radar__high__constant": 168},
-    ),
+    # of the level in use only
+    (sigma_of_constant(168), "sigma of c_r, 168, is above", sigma_of_constant(168, "high")),
     (  # P_D above its floor by 1e-4 of it is no reason
         {"radar__constant": 1e-12, **CERTAIN},
         "P_D is at its floor at all poses, 0.00",
@@ -163,13 +159,11 @@ def test_every_analysis_warns_once_and_check_too(tool):
     few = {"start": 40, "stop": 60, "step": 20}
     below = document(geometry__down_km=3, geometry__azimuth_deg=few)
     Path("my.yaml").write_text(yaml.safe_dump(below))
-    for command in (["variance"], ["sensitivity"], ["budget"], ["montecarlo", "--runs", "20"]):
-        done = tool(*command, "my.yaml", "--no-plot")
+    for command in ("variance", "sensitivity", "budget", "montecarlo --runs 20", "check"):
+        options = ["--no-plot"] if command != "check" else []
+        done = tool(*command.split(), "my.yaml", *options)
         assert done.code == 0
         assert done.err.count("below every radar") == 1
-    done = tool("check", "my.yaml")
-    assert done.code == 0
-    assert done.err.count("below every radar") == 1
     assert "below" not in done.out
     assert tool("check").err == ""
 
@@ -193,18 +187,16 @@ def twelve_radars():
 
 def test_twelve_equal_radars_are_warned_of_once():
     """Equal warnings of several radars become one line."""
-    warnings = analyses.budget(
-        twelve_radars().at_poses(slice(0, None, 8)), method="linear"
-    ).warnings
+    few = twelve_radars().at_poses(slice(0, None, 8))
+    warnings = analyses.budget(few, method="linear").warnings
     assert len(warnings) == len(set(warnings)) <= 4
     (vanishing,) = [w for w in warnings if "gradient vanishes" in w]
     assert "13 sources at some poses, listed in the record" in vanishing
 
 
 def test_a_table_without_elevations_is_used_far_from_the_horizon(tmp_path):
-    (tmp_path / "t.csv").write_text(
-        "azimuth_deg,rcs_m2\n" + "".join(f"{a},0.5\n" for a in range(-180, 180, 30))
-    )
+    rows = [f"{a},0.5" for a in range(-180, 180, 30)]
+    (tmp_path / "t.csv").write_text("\n".join(["azimuth_deg,rcs_m2", *rows]))
     rcs = {"model": "table", "file": str(tmp_path / "t.csv")}
     level = scenario(aircraft__rcs=rcs)
     assert plausibility_warnings(level) == ()
@@ -214,14 +206,11 @@ def test_a_table_without_elevations_is_used_far_from_the_horizon(tmp_path):
     assert warning.startswith(
         f"the RCS table has no elevations and is used at up to {steepest:.3g} deg above or below"
     )
-    (warning,) = plausibility_warnings(
-        scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[20, 0, 90])
-    )
+    banked = scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[20, 0, 90])
+    (warning,) = plausibility_warnings(banked)
     # Banked by 20 deg with the radar abeam, 0.34 deg below, off the upper wing.
     assert "is used at up to 19.7 deg above or below the aircraft at 51 to 129 deg" in warning
     with_elevations = {**rcs, "file": str(tmp_path / "e.csv")}
-    (tmp_path / "e.csv").write_text(
-        "azimuth_deg,elevation_deg,rcs_m2\n"
-        + "".join(f"{a},{e},0.5\n" for a in range(-180, 180, 30) for e in range(-90, 91, 30))
-    )
+    rows = [f"{a},{e},0.5" for a in range(-180, 180, 30) for e in range(-90, 91, 30)]
+    (tmp_path / "e.csv").write_text("\n".join(["azimuth_deg,elevation_deg,rcs_m2", *rows]))
     assert plausibility_warnings(scenario(aircraft__rcs=with_elevations)) == ()

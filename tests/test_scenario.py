@@ -70,9 +70,6 @@ def test_a_pickled_scenario_is_the_same_scenario(config):
         assert_same_scenario(again, one)
         assert again.resolved() == one.resolved()
         assert_read_only(again)
-        np.testing.assert_array_equal(
-            again.model.p_d(again.aircraft, again.radar), one.model.p_d(one.aircraft, one.radar)
-        )
 
 
 @settings(max_examples=20, deadline=None)
@@ -182,67 +179,46 @@ def test_arrays_are_copies_that_nobody_can_change():
     assert_read_only(s)
 
 
+NAN_DOWN = [1, 1, math.nan, 1, 1, 1]
 PER_POSE = np.stack([np.eye(6), np.eye(6)])
 SHAPE = r"covariance of the aircraft must have shape \(6, 6\) or \(2, 6, 6\)"
 WRONG = {
-    "columns": (lambda: arguments(np.zeros((2, 5))), r"aircraft must have .* \(n, 6\) .* \(2, 5\)"),
-    "no poses": (lambda: arguments(np.zeros((0, 6))), "aircraft must have shape"),
-    "text": (lambda: arguments([["a"] * 6]), "aircraft must be an array of real numbers, got <U1"),
-    "NaN": (
-        lambda: arguments([[0, 0, math.nan, 0, 0, 0]]),
-        "aircraft states must be finite, got nan for down",
+    r"aircraft must have .* \(n, 6\) .* \(2, 5\)": lambda: arguments(np.zeros((2, 5))),
+    "aircraft must have shape": lambda: arguments(np.zeros((0, 6))),
+    "aircraft must be an array of real numbers, got <U1": lambda: arguments([["a"] * 6]),
+    "aircraft states must be finite, got nan for down": lambda: arguments(AIRCRAFT * NAN_DOWN),
+    "radar states must be finite, got inf": lambda: radar([0, 0, math.inf, 1]),
+    "radar constants must be greater than 0, got -1": lambda: radar([0, 0, 0, -1]),
+    "every radar .* needs a state": lambda: arguments(radars=[radar(None)]),
+    rf"{SHAPE}, got \(5, 5\)": lambda: arguments(covariance=np.eye(5)),
+    rf"{SHAPE}, got \(3, 6, 6\)": lambda: arguments(covariance=np.ones((3, 6, 6))),
+    "aircraft is not positive semidefinite": lambda: arguments(covariance=np.eye(6) - 0.5),
+    "aircraft at pose 1 is not positive semidefinite": lambda: arguments(
+        covariance=PER_POSE - np.array([0, 0.5])[:, None, None]
     ),
-    "radar": (lambda: radar([0, 0, 0]), r"radar state must have shape \(4,\) for .* got \(3,\)"),
-    "infinite": (lambda: radar([0, 0, math.inf, 1]), "radar states must be finite, got inf"),
-    "constant": (lambda: radar([0, 0, 0, -1]), "radar constants must be greater than 0, got -1"),
-    "no state": (lambda: arguments(radars=[radar(None)]), "every radar .* needs a state"),
-    "matrix": (lambda: arguments(covariance=np.eye(5)), SHAPE),
-    "poses": (lambda: arguments(covariance=np.ones((3, 6, 6))), SHAPE),
-    "not PSD": (
-        lambda: arguments(covariance=np.eye(6) - 0.5),
-        "covariance of the aircraft is not positive semidefinite",
+    "aircraft at pose 0 is not symmetric": lambda: arguments(
+        covariance=PER_POSE + np.triu(np.full((6, 6), 0.1), 1)
     ),
-    "one not PSD": (
-        lambda: arguments(covariance=PER_POSE - np.array([0, 0.5])[:, None, None]),
-        "covariance of the aircraft at pose 1 is not positive semidefinite",
+    "aircraft must be finite": lambda: arguments(covariance=np.full((6, 6), math.nan)),
+    "every radar needs a level": lambda: arguments(radars=[radar(levels={})]),
+    "all radars must have the levels medium, radar 'b' has x": lambda: arguments(
+        radars=[radar(name="a"), radar(name="b", levels={"x": rs.Level(COV_RADAR)})]
     ),
-    "one not symmetric": (
-        lambda: arguments(covariance=PER_POSE + np.triu(np.full((6, 6), 0.1), 1)),
-        "covariance of the aircraft at pose 0 is not symmetric",
+    "radar covariance has a negative variance": lambda: rs.Level(-np.eye(4)),
+    "level must be one of medium, got 'medum'; did": lambda: arguments(level="medum"),
+    "runs must be a whole number not less than 2": lambda: arguments(runs=1),
+    "seed must be": lambda: arguments(seed=-1),
+    "name must be a name of up to 100 letters": lambda: arguments(name="../x"),
+    r"time_s must have one value for each of 2 poses, got \(1,\)": lambda: arguments(
+        geometry=timed([0.0])
     ),
-    "NaN in C": (
-        lambda: arguments(covariance=np.full((6, 6), math.nan)),
-        "covariance of the aircraft must be finite",
-    ),
-    "no level": (lambda: arguments(radars=[radar(levels={})]), "every radar needs a level"),
-    "levels": (
-        lambda: arguments(
-            radars=[radar(name="a"), radar(name="b", levels={"x": rs.Level(COV_RADAR)})]
-        ),
-        "all radars must have the levels medium, radar 'b' has x",
-    ),
-    "a level": (lambda: rs.Level(-np.eye(4)), "radar covariance has a negative variance"),
-    "level": (
-        lambda: arguments(level="medum"),
-        "level must be one of medium, got 'medum'; did you mean",
-    ),
-    "runs": (lambda: arguments(runs=1), "runs must be a whole number not less than 2"),
-    "seed": (lambda: arguments(seed=-1), "seed must be"),
-    "name": (lambda: arguments(name="../x"), "name must be a name of up to 100 letters"),
-    "times": (
-        lambda: arguments(geometry=timed([0.0])),
-        r"time_s must have one value for each of 2 poses, got \(1,\)",
-    ),
-    "correlation": (
-        lambda: arguments(correlation_s=math.nan),
-        "correlation_s must be a number not less than 0",
-    ),
+    "correlation_s must be a number not less than 0": lambda: arguments(correlation_s=math.nan),
 }
 
 
-@pytest.mark.parametrize("case", WRONG)
-def test_wrong_arguments_fail_where_they_are_made(case):
-    make, words = WRONG[case]
+@pytest.mark.parametrize("words", WRONG)
+def test_wrong_arguments_fail_where_they_are_made(words):
+    make = WRONG[words]
     with pytest.raises(InputError, match=words) as refused:
         rs.Scenario(**make())
     assert "\n" not in str(refused.value)
