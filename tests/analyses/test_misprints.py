@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from scipy.special import erfc
 
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detectors import North
 from radar_sense.model.geometry import body_vector, orbit, slant_range
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 
@@ -41,12 +40,6 @@ def three_sigma(jac_aircraft, jac_radar, aircraft_variances, radar_variances):
     """3σ_pd for independent components: eq. (35) written out."""
     variance = jac_aircraft**2 @ aircraft_variances + jac_radar**2 @ radar_variances
     return 3 * np.sqrt(variance).item()
-
-
-def p_d_of(sigma, distance):
-    """P_D of a cross section at a distance, the scenario's radar and k."""
-    snr = RADAR[3] * sigma / (chain_rule.BOLTZMANN * distance**4)
-    return North().p_d(snr, P_FA)
 
 
 # eq. (12): the matrix called R_n^b is body to north-east-down.
@@ -77,20 +70,19 @@ def test_printed_rotation_is_body_to_ned():
 
 
 def test_printed_rotation_gives_another_p_d():
-    """The entry is 0.971 instead of 0.272 for roll, pitch, yaw = 10°, 20°, 30°."""
-    aircraft = aircraft_at(45.0)
-    aircraft[3:] = np.radians([10, 20, 30])
-    printed = MODEL.rcs.cross_section(printed_matrix(*aircraft[3:]) @ (RADAR - aircraft[:4])[:3])
-    assert p_d_of(printed, slant_range(aircraft, RADAR)) == pytest.approx(0.971, abs=0.0005)
-    assert MODEL.p_d(aircraft, RADAR) == pytest.approx(0.272, abs=0.0005)
+    """It is 0.971 in place of 0.272 for roll, pitch, yaw = 10°, 20°, 30°. In level flight to the
+    east, as in the paper, λ is off by 180°, and an ellipsoid is the same from behind.
+    """
+    for aircraft, p_d in ((turned_at_45(10, 20, 30), 0.272), (aircraft_at(45.0), 0.5939)):
+        printed = there(aircraft[np.newaxis], RADAR[np.newaxis], (A, B, C), P_FA)[0]
+        assert MODEL.p_d(aircraft, RADAR) == pytest.approx(p_d, abs=0.0005)
+        assert printed == pytest.approx(0.971 if p_d == 0.272 else p_d, abs=0.0005)
+    assert printed == pytest.approx(MODEL.p_d(aircraft, RADAR), rel=1e-12)
 
 
-def test_printed_rotation_is_hidden_by_the_papers_scenario():
-    """In level flight to the east λ is off by 180°. An ellipsoid is the same from behind."""
-    aircraft = aircraft_at(45.0)
-    printed = MODEL.rcs.cross_section(printed_matrix(*aircraft[3:]) @ (RADAR - aircraft[:4])[:3])
-    p_d = p_d_of(printed, slant_range(aircraft, RADAR))
-    assert p_d == pytest.approx(MODEL.p_d(aircraft, RADAR), rel=1e-12)
+def turned_at_45(*angles):
+    """State of the aircraft at 45° with other angles [deg]."""
+    return np.concatenate([aircraft_at(45.0)[:3], np.radians(angles)])
 
 
 # κ and D under eq. (22).
@@ -108,11 +100,7 @@ def printed_kappa(rcs, lam, phi):
 def printed_d(rcs, lam, phi):
     """eq. (21) and eq. (22) with the D of the print; κ as corrected."""
     a, b, c = rcs[1:]
-    d = (
-        (a * np.sin(lam) * np.sin(phi)) ** 2
-        + (b * np.sin(lam) * np.sin(phi)) ** 2
-        + (c * np.cos(phi)) ** 2
-    )
+    d = (a**2 + b**2) * (np.sin(lam) * np.sin(phi)) ** 2 + (c * np.cos(phi)) ** 2
     corrected = np.array(chain_rule.cross_section_partials(rcs, lam, phi))
     return tuple(corrected * (chain_rule.ellipsoid_denominator(a, b, c, lam, phi) / d) ** 3)
 
@@ -166,30 +154,25 @@ def test_printed_rcs_slopes_give_another_deviation(rcs_partials, by_yaw, orienta
     # The package is with the corrected ones, and only with them.
     lin = MODEL.linearize(aircraft, RADAR)
     package = 3 * lin.std(np.diag(AIRCRAFT_STD**2), np.diag(RADAR_STD**2))
-    if rcs_partials is chain_rule.cross_section_partials:
-        assert package == pytest.approx(found, rel=1e-12)
-    else:
-        assert abs(package / found - 1) > 0.1
+    off = abs(package / found - 1)
+    assert off < 1e-12 if rcs_partials is chain_rule.cross_section_partials else off > 0.1
 
 
 # C_xx and C_rr: standard deviations where variances belong.
 
 
 def test_covariances_printed_with_standard_deviations():
-    """The text has "nearly 0.1": 0.0912 with σ² on the diagonal, 0.418 with the printed σ."""
-    lin = MODEL.linearize(aircraft_at(45.0), RADAR)
-    squared = lin.std(np.diag(AIRCRAFT_STD**2), np.diag(RADAR_STD**2))
-    assert 3 * squared == pytest.approx(0.0912, abs=0.00005)
-    printed = lin.std(np.diag(AIRCRAFT_STD), np.diag(RADAR_STD))
-    assert 3 * printed == pytest.approx(0.418, abs=0.0005)
-
-
-def test_angle_deviation_is_in_degrees():
-    """Table I's 1, read in radians, gives 3σ_pd = 3.15 for a probability."""
+    """The text has "nearly 0.1": 0.0912 with σ² on the diagonal, 0.418 with the printed σ. The 1
+    of Table I, read in radians, gives 3.15 for a probability.
+    """
     lin = MODEL.linearize(aircraft_at(45.0), RADAR)
     radians = np.where(np.arange(6) < 3, AIRCRAFT_STD, 1.0)
-    as_radians = 3 * lin.std(np.diag(radians**2), np.diag(RADAR_STD**2))
-    assert as_radians == pytest.approx(3.15, abs=0.005)
+    for aircraft, radar, three in (
+        (AIRCRAFT_STD**2, RADAR_STD**2, "0.0912"),
+        (AIRCRAFT_STD, RADAR_STD, "0.418"),
+        (radians**2, RADAR_STD**2, "3.15"),
+    ):
+        assert f"{3 * lin.std(np.diag(aircraft), np.diag(radar)):.3g}" == three
 
 
 # p_a^n: θ_r is measured from east, and R is horizontal.
@@ -285,9 +268,8 @@ def test_arctangent_of_a_quotient_cannot_tell_nose_from_tail():
     assert printed == pytest.approx(0.10, abs=1e-8)
     assert rcs.cross_section(behind) == pytest.approx(0.28, abs=1e-8)
     x, y, z = np.random.default_rng(1).normal(size=(3, 100))
-    ellipsoid = chain_rule.cross_section(
-        ("ellipsoid", A, B, C), np.arctan(y / x), np.arctan(z / np.hypot(x, y))
-    )
+    angles = np.arctan(y / x), np.arctan(z / np.hypot(x, y))
+    ellipsoid = chain_rule.cross_section(("ellipsoid", A, B, C), *angles)
     found = MODEL.rcs.cross_section(np.stack((x, y, z), axis=-1))
     np.testing.assert_allclose(found, ellipsoid, rtol=1e-12)
 
