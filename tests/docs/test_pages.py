@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from helpers import some_poses, without_pixels
+from helpers import few_judging_draws, some_poses, without_pixels
 
 from radar_sense.cli import cli
 
@@ -95,6 +95,7 @@ def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
         with pytest.MonkeyPatch.context() as patch:
             if not shown and "--out" not in line and writes and name != "sweep":
                 some_poses(patch)
+                few_judging_draws(patch)
                 options += ["--step-km=50"] * (name == "map" and "--step-km" not in line)
             result = runner(line, *options)
         answer_is_no = "--threshold" in line and "sweep" not in line  # which holds at a value
@@ -112,6 +113,7 @@ def test_python_runs(page, folder, monkeypatch):
         pytest.skip("signatures")
     without_pixels(monkeypatch)
     some_poses(monkeypatch)
+    few_judging_draws(monkeypatch)
     if page.name == "where.md":
         assert run("radar-sense map configs/path.yaml --step-km 100 --no-plot").exit_code == 0
     for code in fenced(page, "python"):
