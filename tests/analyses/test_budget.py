@@ -70,13 +70,9 @@ def test_sobol_indices_are_refused_under_correlation():
         error_budget(load_scenario("configs/covariance.yaml"), "montecarlo")
     # within a source correlation does no harm
     error_budget(load_scenario("configs/covariance.yaml").with_analysis(level="survey"), "linear")
-    s = scenario(
-        geometry__azimuth_deg=FEW,
-        uncertainty__radar={
-            "tilted": {"position_m": [[100, 50, 0], [50, 100, 0], [0, 0, 1]], "constant": 5}
-        },
-        analysis={"level": "tilted", "runs": 512},
-    )
+    tilted = {"position_m": [[100, 50, 0], [50, 100, 0], [0, 0, 1]], "constant": 5}
+    choices = {"level": "tilted", "runs": 512}
+    s = scenario(geometry__azimuth_deg=FEW, uncertainty__radar={"tilted": tilted}, analysis=choices)
     found = shares_of(error_budget(s, "montecarlo"))
     linear = shares_of(error_budget(s))
     np.testing.assert_allclose(found["radar_position"], linear["radar_position"], atol=0.02)
@@ -111,10 +107,8 @@ def test_required_accuracies_are_those_of_the_closed_form():
         else:
             assert found[source].factor == pytest.approx(np.sqrt(squared), rel=1e-6)
     assert found["all"].factor == pytest.approx(target / np.sqrt(total.max()), rel=1e-6)
-    assert {source for source, f in found.items() if f.factor is None} == {
-        "aircraft_position",
-        "radar_position",
-    }
+    impossible = {source for source, f in found.items() if f.factor is None}
+    assert impossible == {"aircraft_position", "radar_position"}
 
 
 def test_a_small_contribution_has_one_digit_in_the_report():
@@ -200,12 +194,7 @@ def test_required_accuracies_between_the_azimuths_of_a_table(goal, limit, sweep)
 
 
 def test_a_source_without_effect_may_have_any_size():
-    certain = {"position_m": 0, "constant": 5}
-    s = scenario(
-        uncertainty__radar={"known": certain},
-        analysis={"level": "known"},
-        geometry__azimuth_deg=FEW,
-    )
+    s = scenario(uncertainty__radar__medium__position_m=0, geometry__azimuth_deg=FEW)
     found = required_accuracies(s, 0.2)
     assert found["radar_position"].factor == np.inf
 
@@ -213,9 +202,7 @@ def test_a_source_without_effect_may_have_any_size():
 def test_required_accuracies_keep_correlations():
     """A factor on a source also scales its covariances with other sources."""
     s = load_scenario("configs/covariance.yaml").at_poses(slice(None, None, 6))
-    found = required_accuracies(s, 0.15)
-    factor = found["radar_constant"].factor
-    scale = np.diag([1, 1, 1, factor])
+    scale = np.diag([1, 1, 1, required_accuracies(s, 0.15)["radar_constant"].factor])
     cov = scale @ s.cov_radar @ scale
     linear = s.model.linearize(s.aircraft, s.radar)
     assert 3 * linear.std(s.cov_aircraft, cov).max() == pytest.approx(0.15, rel=1e-6)
@@ -370,13 +357,8 @@ def test_draws_find_the_poses_at_which_they_verify(monkeypatch):
     content = yaml.safe_load(AT_A_LIMIT)
     del content["radars"][0]
     content["radars"][0]["uncertainty"]["s"]["position_m"] = 100
-    content["geometry"] = {
-        "type": "radial",
-        "azimuth_deg": 0,
-        "down_km": -3,
-        "azimuth_from": "north",
-    }
-    content["geometry"]["range_km"] = {"start": 120, "stop": 180, "step": 2}
+    line = {"type": "radial", "azimuth_deg": 0, "down_km": -3, "azimuth_from": "north"}
+    content["geometry"] = {**line, "range_km": {"start": 120, "stop": 180, "step": 2}}
     found = required(parse_scenario(yaml_text(content)), 0.3, "all")["all"]
     beyond = np.hypot(150e3, 2980) - 150e3
     # P_D is 1 within the limit and 0 beyond, which has the variance q (1 - q)
@@ -403,11 +385,8 @@ def test_a_source_without_a_value_is_not_dominant():
         s = rs.load_scenario(f"configs/{name}.yaml")
         s = s.at_poses(np.arange(0, len(s.aircraft), 4))
         found = analyses.budget(s, method="form")
-        columns = {
-            source: found.table[f"three_sigma_{source}"]
-            for source in ("aircraft_orientation", "total")
-        }
-        unknown = {source: np.isnan(values) for source, values in columns.items()}
+        size = {source: found.table[f"three_sigma_{source}"] for source in (*SOURCES, "total")}
+        unknown = {name: np.isnan(size[name]) for name in ("aircraft_orientation", "total")}
         assert unknown["aircraft_orientation"].any()
         assert "nan" not in " ".join(found.report)
         first = np.flatnonzero(unknown["aircraft_orientation"] & ~unknown["total"])[:1]
@@ -420,14 +399,9 @@ def test_a_source_without_a_value_is_not_dominant():
             line = f"{source} has no value {describe_poses(mask, s.axis)}"
             assert (line in found.report) == mask.any()
         any_unknown = unknown["aircraft_orientation"] | unknown["total"]
-        sizes = {
-            source: found.table[f"three_sigma_{source}"]
-            for source in ("aircraft_position", "aircraft_orientation", "radar_position")
-        }
-        own = (columns["aircraft_orientation"] > found.table["three_sigma_radar_constant"]) & (
-            columns["aircraft_orientation"] > sizes["aircraft_position"]
-        )
-        expected = describe_poses(own & ~any_unknown & (columns["total"] > 0), s.axis)
+        others = np.maximum(size["radar_constant"], size["aircraft_position"])
+        own = (size["aircraft_orientation"] > others) & (size["total"] > 0)
+        expected = describe_poses(own & ~any_unknown, s.axis)
         assert found.summary["dominates"].get("aircraft_orientation", "") == expected
 
 

@@ -153,21 +153,19 @@ FIXED = ["aircraft_position", "aircraft_orientation", "radar_position", "radar_c
 MEDIUM = {"position_m": 100, "constant": 5}
 
 
-@pytest.mark.parametrize(
-    ("source", "changes"),
-    [
-        ("aircraft_rcs", {"uncertainty__aircraft__rcs_db": 1}),
-        (
-            "radar_attenuation",
-            {
-                "radar__attenuation_db_per_km": 0.01,
-                "uncertainty__radar__medium": {**MEDIUM, "attenuation_db_per_km": 1e-3},
-            },
-        ),
-    ],
-)
-def test_the_budget_has_a_source_of_its_own_after_the_fixed_columns(source, changes):
-    one = scenario(**changes).at_poses(slice(None, None, 4))
+ATTENUATION = {
+    "radar__attenuation_db_per_km": 0.01,
+    "uncertainty__radar__medium": {**MEDIUM, "attenuation_db_per_km": 1e-3},
+}
+OWN_SOURCES = {
+    "aircraft_rcs": {"uncertainty__aircraft__rcs_db": 1},
+    "radar_attenuation": ATTENUATION,
+}
+
+
+@pytest.mark.parametrize("source", OWN_SOURCES)
+def test_the_budget_has_a_source_of_its_own_after_the_fixed_columns(source):
+    one = scenario(**OWN_SOURCES[source]).at_poses(slice(None, None, 4))
     found = analyses.budget(one)
     names = [f"three_sigma_{name}" for name in (*FIXED, source)]
     assert list(found.table) == ["theta_r_deg", *names]
@@ -354,17 +352,14 @@ def test_the_attenuation_is_read_and_read_back():
 
 def test_refusals_name_the_key(tool):
     level = "uncertainty.radar.medium.attenuation_db_per_km"
-    for attenuation, std, path, message in (
-        (0, 0.1, level, "must be at most the attenuation_db_per_km of the radar, 0, got 0.1"),
-        (0.1, 0.1001, level, "must be at most the attenuation_db_per_km of the radar, 0.1, got"),
-    ):
-        medium = {"position_m": 100, "constant": 5, "attenuation_db_per_km": std}
-        text = yaml_text(
-            document(radar__attenuation_db_per_km=attenuation, uncertainty__radar__medium=medium)
-        )
-        _, key, complaint = place(refusal(tool, text))
-        assert key == path
-        assert message in complaint
+    for attenuation, std in ((0, 0.1), (0.1, 0.1001)):
+        medium = {**MEDIUM, "attenuation_db_per_km": std}
+        content = document(uncertainty__radar__medium=medium)
+        content["radar"]["attenuation_db_per_km"] = attenuation
+        _, key, complaint = place(refusal(tool, yaml_text(content)))
+        assert key == level
+        most = f"must be at most the attenuation_db_per_km of the radar, {attenuation}, got"
+        assert most in complaint
     with pytest.raises(ValueError, match="attenuation must be"):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6, attenuation=-1)
     with pytest.raises(ValueError, match="attenuation_std"):

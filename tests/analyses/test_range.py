@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from helpers import document, scenario, sheet_document, with_arrays, yaml_text
 from scipy.special import ndtr
 
@@ -201,10 +200,9 @@ def test_a_band_is_unreliable_where_one_of_its_ends_is():
         of_ends.append(unreliable_in_scenario(at, moments, method="probit"))
     lower, upper = of_ends
     assert (lower & ~upper).any()
-    place = describe_poses(
-        lower | upper,
-        Axis("bearing_deg", "bearing", "deg", result.table["bearing_deg"], "g", 1e-9, "bearings"),
-    )
+    bearings = result.table["bearing_deg"]
+    axis = Axis("bearing_deg", "bearing", "deg", bearings, "g", 1e-9, "bearings")
+    place = describe_poses(lower | upper, axis)
     assert result.warnings == (
         f"the probit band of the range is off {place}; use --method automatic [band-off]",
     )
@@ -338,10 +336,8 @@ def test_where_form_fails_the_bounds_are_those_of_plain_draws(metres):
     its errors of 1 %, and by 4 errors of the plain draws.
     """
     configs = Path(__file__).parents[2] / "configs"
-    document = yaml.safe_load((configs / "table.yaml").read_text())
-    document["uncertainty"]["aircraft"] = {"position_m": metres, "attitude_deg": 8}
-    document["aircraft"]["rcs"]["file"] = str(configs / document["aircraft"]["rcs"]["file"])
-    s = parse_scenario(yaml.safe_dump(document)).with_analysis(level="high")
+    keys = {"uncertainty.aircraft": f"{{position_m: {metres}, attitude_deg: 8}}"}
+    s = rs.load_scenario(configs / "table.yaml", keys).with_analysis(level="high")
     bearings = np.deg2rad([0, 90])
     found = on_rays(s, 0, 90)
     rng, n = np.random.default_rng(5), 60_000
@@ -382,18 +378,15 @@ def test_a_lower_bound_is_right_or_warned_of():
         ]
     )
     rcs = {"model": "spikeball", "lobes": 180, "amplitude_m2": 0.3394, "floor_m2": 0.001523}
-    at_73_89 = {"start": 73.89, "stop": 73.89, "step": 1}
+    of_radar = {"s": {"position_m": 24.47, "constant": 1.121e-06}}
     s = scenario(
         radar={"position_m": [-338, 26040, -100], "p_fa": 1.7e-4, "constant": 4.44721e-06},
         aircraft={"attitude_deg": [4.72, 12.3, 304.1], "rcs": rcs},
         geometry__azimuth_from="north",
         geometry__range_km=34.87,
         geometry__down_km=-2.829,
-        geometry__azimuth_deg=at_73_89,
-        uncertainty={
-            "aircraft": {"covariance": covariance.tolist()},
-            "radar": {"s": {"position_m": 24.47, "constant": 1.121e-06}},
-        },
+        geometry__azimuth_deg={"start": 73.89, "stop": 73.89, "step": 1},
+        uncertainty={"aircraft": {"covariance": covariance.tolist()}, "radar": of_radar},
         analysis={"level": "s", "method": "automatic"},
     )
     found = on_rays(s, 90)
