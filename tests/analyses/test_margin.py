@@ -251,21 +251,13 @@ def test_terms_of_a_tracking_radar():
     std_range = math.hypot(100, 200) * (40 / math.log(10) / distance + 2 * 0.1e-3)
     path = 2 * 0.1e-3 * distance
     expected = {
-        "peak_power_kw": (db(250e3), 0),
-        "gain_dbi": (2 * 40, 2 * 0.5),
-        "frequency_ghz": (2 * db(C / 9.4e9), 0),
-        "pulse_width_us": (-db(1 / 0.8e-6), 0),
-        "temperature_k": (-db(290), 0),
-        "noise_figure_db": (-4, 0.3),
-        "coherent_pulses": (0, 0),
-        "line_db": (-2, 0.4),
-        "beam_shape_db": (-1.6, 0),
-        "rest_of_constant": (-3 * db(4 * math.pi), 0),
-        "boltzmann": (-db(K), 0),
-        "range": (-4 * db(distance), std_range),
-        "attenuation": (-path, path * 0.3),
-        "aircraft_rcs": (db(0.2), 0.7),
-    }
+        "peak_power_kw": (db(250e3), 0), "gain_dbi": (2 * 40, 2 * 0.5),
+        "frequency_ghz": (2 * db(C / 9.4e9), 0), "pulse_width_us": (-db(1 / 0.8e-6), 0),
+        "temperature_k": (-db(290), 0), "noise_figure_db": (-4, 0.3), "coherent_pulses": (0, 0),
+        "line_db": (-2, 0.4), "beam_shape_db": (-1.6, 0), "boltzmann": (-db(K), 0),
+        "rest_of_constant": (-3 * db(4 * math.pi), 0), "range": (-4 * db(distance), std_range),
+        "attenuation": (-path, path * 0.3), "aircraft_rcs": (db(0.2), 0.7),
+    }  # fmt: skip
     terms = snr_terms(s)
     assert set(terms) == {*expected, "snr"}
     for name, (value, std) in expected.items():
@@ -289,15 +281,11 @@ def test_terms_of_a_surveillance_radar(level):
     terms = snr_terms(s)
     whole = 10 / math.log(10) * 0.1 / s.radar[3]
     expected = {
-        "average_power_kw": (db(10e3), 10 / math.log(10) * 0.5 / 10),
-        "aperture_m2": (db(15), 0),
-        "temperature_k": (-db(290), 0),
-        "rotation_rpm": (db(6), 0),
-        "search_volume_sr": (-db(2), 0),
-        "loss_db": (-8, 1),
-        "noise_figure_db": (-3, 0.5),
+        "average_power_kw": (db(10e3), 10 / math.log(10) * 0.5 / 10), "aperture_m2": (db(15), 0),
+        "temperature_k": (-db(290), 0), "rotation_rpm": (db(6), 0), "loss_db": (-8, 1),
+        "search_volume_sr": (-db(2), 0), "noise_figure_db": (-3, 0.5),
         "rest_of_constant": (-db(16), 0),
-    }
+    }  # fmt: skip
     for name, (value, std) in expected.items():
         if level == "number":
             std = whole if name == "rest_of_constant" else 0

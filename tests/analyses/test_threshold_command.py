@@ -8,7 +8,6 @@ from helpers import cov_by_level, lay_out, read_record, read_table, scenario, wr
 from scipy.special import erfc
 
 import radar_sense as rs
-from radar_sense.scenario_file.load import default_text
 
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
@@ -100,19 +99,17 @@ def test_threshold_report_and_record(tool):
     assert (test["passed"], test["above_s"], test["first_violation"]) == (True, 0, None)
 
 
-def test_threshold_on_the_orbit_of_the_paper(tool):
+def test_threshold_on_the_orbit_of_the_paper():
     """At High the linear bound exceeds 1 and fails for P_max = 1. A quantile does not."""
-    Path("paper.yaml").write_text(default_text().replace("step: 0.5", "step: 6"))
-    args = ("variance", "paper.yaml", "--level", "high", "--threshold", 1, "--no-plot")
-    assert tool(*args, "--method", "linear").code == 3
-    test = read_record("figures/paper_variance.json")["summary"]["threshold"]
-    assert set(test) >= {"above_deg", "total_deg"}
-    assert test["total_deg"] == 180
-    assert test["verdict"] == "not known"
-    assert tool(*args, "--method", "form").code == 0
-    assert tool(*args, "--method", "automatic").code == 0
-    assert tool(*args, "--method", "probit").code == 0
-    assert read_record("figures/paper_variance.json")["summary"]["threshold"]["above_deg"] == 0
+    s = scenario(geometry__azimuth_deg__step=6).with_analysis(level="high")
+    result = rs.analyses.variance(s, threshold=1, method="linear")
+    test = result.summary["threshold"]
+    assert not result.passed
+    assert (test["verdict"], test["total_deg"], "above_deg" in test) == ("not known", 180, True)
+    for method in ("form", "automatic", "probit"):
+        result = rs.analyses.variance(s, threshold=1, method=method)
+        assert result.passed
+        assert result.summary["threshold"]["above_deg"] == 0
 
 
 @pytest.mark.parametrize(("p_max", "share"), [(0.1, 1.0), (0.99, 0.0)])
@@ -159,16 +156,13 @@ def test_a_probability_in_place_of_k():
     np.testing.assert_allclose(by_k.table["margin"], result.table["margin"], atol=1e-12)
 
 
-def test_k_without_a_threshold_is_the_band(tool):
-    file = write(Path())
-    code, out, _ = tool("variance", file, "--k", 2, "--method", "linear", "--no-plot")
-    assert code == 0
-    assert "(2 sigma)" in out
-    found = read_table("figures/flight_variance.csv")
+def test_k_without_a_threshold_is_the_band(tmp_path):
+    result = rs.analyses.variance(rs.load_scenario(write(tmp_path)), k=2, method="linear")
+    assert any("(2 sigma)" in line for line in result.report)
     for end, sign in (("lower", -1), ("upper", 1)):
-        band = found["p_d"] + sign * 2 * found["sigma_pd"]
-        assert found[f"{end}_2sigma"] == pytest.approx(band, rel=1e-12)
-    assert "margin" not in found
+        band = result.table["p_d"] + sign * 2 * result.table["sigma_pd"]
+        assert result.table[f"{end}_2sigma"] == pytest.approx(band, rel=1e-12)
+    assert "margin" not in result.table
 
 
 @pytest.mark.parametrize("k", [2, 3])
