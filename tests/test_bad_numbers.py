@@ -141,21 +141,16 @@ def test_the_ellipsoid_gives_nan_for_nan():
 
 def no_covariances(size):
     """Yield the problem and a matrix with it."""
-    diagonal = np.eye(size)
-    for value, message in (
-        (NAN, r"got nan for entry \[2\]\[2\]"),
-        (INF, "got inf"),
-        (-1, "negative"),
+    for message, (i, j), value in (
+        (r"got nan for entry \[2\]\[2\]", (1, 1), NAN),
+        ("got inf", (1, 1), INF),
+        ("negative", (1, 1), -1),
+        ("is not symmetric", (0, 1), 0.5),
+        ("is not positive semidefinite", ([0, 1], [1, 0]), 2.0),
     ):
-        wrong = diagonal.copy()
-        wrong[1, 1] = value
+        wrong = np.eye(size)
+        wrong[i, j] = value
         yield message, wrong
-    wrong = diagonal.copy()
-    wrong[0, 1] = 0.5
-    yield "is not symmetric", wrong
-    wrong = diagonal.copy()
-    wrong[0, 1] = wrong[1, 0] = 2.0
-    yield "is not positive semidefinite", wrong
 
 
 def everything(aircraft, radar, cov_aircraft, cov_radar):

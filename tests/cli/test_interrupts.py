@@ -28,19 +28,15 @@ signal.signal(signal.SIGTERM, end_at_once)
 os.write(1, b".")
 main()
 """
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 NAMES = {"paper_variance.csv", "paper_variance.json"}
 
 
 def interrupted(folder: Path, number: int, seconds: float) -> tuple[int, str]:
     """Return exit code and standard error of a run with a signal after some seconds."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", STARTED, "variance", "--no-plot"],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    run = [sys.executable, "-c", STARTED, "variance", "--no-plot"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(run, cwd=folder, env=ENVIRONMENT, text=True, **pipes)
     process.stdout.read(1)
     time.sleep(seconds)
     process.send_signal(number)
@@ -52,9 +48,8 @@ def test_nothing_is_imported_before_signals_are_handled():
     lines = "import sys; before = {*sys.modules}; import radar_sense.__main__; "
     lines += "print(*sorted({*sys.modules} - before))"
     run = [sys.executable, "-c", lines]
-    env = {**os.environ, "PYTHONPATH": str(ROOT)}
-    imported = subprocess.run(run, env=env, capture_output=True, text=True, check=True).stdout
-    assert imported.split() == ["radar_sense", "radar_sense.__main__"]
+    done = subprocess.run(run, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["radar_sense", "radar_sense.__main__"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

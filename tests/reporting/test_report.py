@@ -170,15 +170,14 @@ def page(html) -> Node:
 
 
 def test_a_section_is_what_its_command_prints_draws_and_writes(flight, page):
-    s = flight.scenario
-    few = s.at_poses(command.compared_poses(s))
+    s, of = flight.scenario, rs.analyses
     answers = {
-        "variance": rs.analyses.variance(s, method="linear", threshold=0.5),
-        "budget": rs.analyses.budget(s, method="linear", threshold=0.5),
-        "compare": rs.analyses.compare(few),
-        "mission": rs.analyses.mission(s),
-        "range": rs.analyses.detection_range(s, method="linear", step_deg=30.0),
-        "map": rs.analyses.coverage_map(s),
+        "variance": of.variance(s, method="linear", threshold=0.5),
+        "budget": of.budget(s, method="linear", threshold=0.5),
+        "compare": of.compare(s.at_poses(command.compared_poses(s))),
+        "mission": of.mission(s),
+        "range": of.detection_range(s, method="linear", step_deg=30.0),
+        "map": of.coverage_map(s),
     }
     nodes = {node.attributes["id"]: node for node in page.all("section")}
     assert list(nodes) == ["check", *answers, "again"]
@@ -277,10 +276,8 @@ def test_paths_that_are_not_utf_8(tool):
     folder.mkdir()
     content = document(geometry__azimuth_deg=FEW)
     (folder / "my.yaml").write_text(yaml_text(content), encoding="utf-8")
-    outcome = tool("report", str(folder / "my.yaml"), "--out", str(folder))
-    assert (outcome.code, "Traceback" in outcome.err) == (0, False)
-    html = (folder / "paper_report.html").read_text(encoding="utf-8")
-    assert "caf\\udce9" in html
+    assert tool("report", str(folder / "my.yaml"), "--out", str(folder)).code == 0
+    assert "caf\\udce9" in (folder / "paper_report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -288,12 +285,8 @@ def test_a_scenario_made_in_python():
     """Names of levels in Python may hold any characters."""
     few = scenario(geometry__azimuth_deg=FEW)
     (radar,) = few.radars
-    made = rs.Scenario(
-        radars=[dataclasses.replace(radar, levels={"<script>": radar.levels["medium"]})],
-        geometry=few.geometry,
-        name="made",
-    )
-    html = rs.report(made).html()
+    named = dataclasses.replace(radar, levels={"<script>": radar.levels["medium"]})
+    html = rs.report(rs.Scenario(radars=[named], geometry=few.geometry, name="made")).html()
     assert "<script" not in html.lower()
     assert "&lt;script&gt;" in html
 
@@ -341,15 +334,15 @@ def test_nothing_is_fetched(page, html):
 def test_the_same_bytes_whatever_the_number_of_workers(tool, flight, tmp_path, monkeypatch):
     without_pixels(monkeypatch)
     write_flight(tmp_path)
-    options = ("--threshold", "0.5", "--method", "linear", "--level", "one", "--workers", "2")
-    names = ("report", "flight.yaml", *options)
+    line = "report flight.yaml --threshold 0.5 --method linear --level one --workers 2"
+    names = line.split()
     code, out, err = tool(*names)
     assert code == (0 if flight.passed else 3)
     assert out.splitlines() == [*flight.report, "figures/flight_report.html"]
     assert err.splitlines() == [f"Warning: {w}" for w in flight.warnings]
     assert out.isascii()
     written = Path("figures/flight_report.html").read_text(encoding="utf-8")
-    assert written == flight.html(("radar-sense", *names))
+    assert written == flight.html(["radar-sense", *names])
 
 
 @pytest.mark.parametrize(
@@ -401,8 +394,8 @@ def test_scenarios_in_which_something_has_no_answer(changes, options, monkeypatc
     def refuse(scenario, workers):
         raise rs.InputError("no <map>")
 
+    refuse.name = "map"
     monkeypatch.setattr(command, "coverage_map", refuse)
-    monkeypatch.setattr(refuse, "name", "map", raising=False)
     few = {"geometry__azimuth_deg": FEW, **changes}
     text = Tree(rs.report(scenario(**few), **options).html()).root.text
     assert "nan" not in re.findall(r"\w+", text)
