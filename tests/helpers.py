@@ -51,8 +51,9 @@ OVERHEAD = {
 }
 
 
-#: PyYAML's C library takes a fifth of the time.
-dump_yaml = partial(
+#: Documents as text, 1e-06 as 1.0e-06, which is a number to YAML. PyYAML's C library takes a fifth
+#: of the time.
+yaml_text = dump_yaml = partial(
     yaml.dump, sort_keys=False, Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 )
 
@@ -71,7 +72,7 @@ def document(of=PAPER, /, **changes):
 
 def scenario(**changes):
     """The paper's scenario with other values at key paths, `__` between the keys."""
-    text = dump_yaml(document(**changes))
+    text = yaml_text(document(**changes))
     return parse_scenario(text) if "file:" in text else _parsed(text)
 
 
@@ -89,7 +90,7 @@ def write_path(folder, text, name="scenario.yaml", /, **changes):
     if "std_" in text or "cov_" in text:
         del content["uncertainty"]["aircraft"]
     file = folder / name
-    file.write_text(dump_yaml(document(content, **changes)))
+    file.write_text(yaml_text(document(content, **changes)))
     return file
 
 
@@ -168,17 +169,11 @@ def legend_off_data(figure):
         return None
     (legend,) = figure.legends
     box, page = legend.get_window_extent(), figure.bbox
-    assert box.x0 >= page.x0
-    assert box.x1 <= page.x1
+    assert page.x0 <= box.x0 < box.x1 <= page.x1
     assert box.y1 <= page.y1
     for each in figure.axes:
         assert not box.overlaps(each.get_window_extent())
     return legend
-
-
-def yaml_text(document):
-    """Return a document as YAML. PyYAML writes 1e-06 as 1.0e-06, which YAML reads as a number."""
-    return dump_yaml(document)
 
 
 def target_in_the_north(area, *, runs=2**14, **aircraft):
@@ -437,13 +432,12 @@ def paper_network(
     paper = load_scenario()
     m = len(positions)
     models = models or [single(paper)] * m
+    radars = tuple(Radar(model, f"r{i}", **limits) for i, model in enumerate(models))
     cov_aircraft = paper.cov_aircraft.copy()
     cov_aircraft[3:, 3:] = np.eye(3) * np.radians(attitude_deg) ** 2
     return with_arrays(
         paper.at_poses(poses),
-        model=NetworkModel(
-            tuple(Radar(model, f"r{i}", **limits) for i, model in enumerate(models))
-        ),
+        model=NetworkModel(radars),
         radar=np.concatenate([[*p, c] for p, c in zip(positions, constants, strict=True)]),
         cov_aircraft=cov_aircraft,
         cov_radar={n: np.kron(np.eye(m), c) for n, c in cov_by_level(paper).items()},

@@ -41,12 +41,16 @@ def arguments(aircraft=AIRCRAFT, covariance=COV_AIRCRAFT, **changes):
 
 
 @pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
-def test_a_resolved_scenario_reads_back(config, monkeypatch):
+def test_a_scenario_is_the_same_again_from_its_record_and_from_a_pickle(config, monkeypatch):
+    """Scenarios are sent to worker processes, with all poses or some."""
     monkeypatch.chdir(ROOT)
     s = rs.load_scenario(config.relative_to(ROOT))
-    again = rs.parse_scenario(json.dumps(s.resolved()))
-    assert_same_scenario(again, s)
-    assert again.resolved() == s.resolved()
+    some = s.at_poses(slice(0, None, 7)).with_analysis(runs=5)
+    pickled = [(pickle.loads(pickle.dumps(one)), one) for one in (s, some)]
+    for again, one in ((rs.parse_scenario(json.dumps(s.resolved())), s), *pickled):
+        assert_same_scenario(again, one)
+        assert again.resolved() == one.resolved()
+        assert_read_only(again)
 
 
 def assert_read_only(s):
@@ -58,18 +62,6 @@ def assert_read_only(s):
             array[0] = 1
     with pytest.raises(TypeError):
         own.levels["new"] = own.levels[s.level]
-
-
-@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
-def test_a_pickled_scenario_is_the_same_scenario(config):
-    """Scenarios are sent to worker processes."""
-    s = rs.load_scenario(config)
-    some = s.at_poses(slice(0, None, 7)).with_analysis(runs=5)
-    for one in (s, some):
-        again = pickle.loads(pickle.dumps(one))
-        assert_same_scenario(again, one)
-        assert again.resolved() == one.resolved()
-        assert_read_only(again)
 
 
 @settings(max_examples=20, deadline=None)

@@ -24,27 +24,21 @@ def test_budget_has_rows_for_the_aircraft_and_each_radar():
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0), (0, -2e5, 0)], [60, 100, 30])
     found = error_budget(scenario)
     assert list(found.sources) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "r2"]
-    assert list(found.finer) == [
-        "aircraft",
-        *(f"r{i}_{part}" for i in range(3) for part in ("position", "constant")),
-    ]
+    parts = [f"r{i}_{part}" for i in range(3) for part in ("position", "constant")]
+    assert list(found.finer) == ["aircraft", *parts]
     squares = {name: std**2 for name, std in stds_of({**found.sources, **found.finer}).items()}
     assert_allclose(sum(squares[s] for s in found.sources), found.total.std**2, rtol=1e-12)
-    assert_allclose(
-        squares["aircraft"], squares["aircraft_position"] + squares["aircraft_orientation"]
-    )
+    both = squares["aircraft_position"] + squares["aircraft_orientation"]
+    assert_allclose(squares["aircraft"], both)
     lin = scenario.model.linearize(scenario.aircraft, scenario.radar)
-    assert_allclose(
-        found.sources["r1"].std ** 2,
-        np.sum(lin.jac_radar[:, 4:8] ** 2 * np.diag(PAPER.cov_radar), axis=1),
-    )
+    expected = np.sum(lin.jac_radar[:, 4:8] ** 2 * np.diag(PAPER.cov_radar), axis=1)
+    assert_allclose(squares["r1"], expected)
     for i in range(3):
         parts = squares[f"r{i}_position"] + squares[f"r{i}_constant"]
         assert_allclose(squares[f"r{i}"], parts, rtol=1e-12)
         assert_allclose(found.finer[f"r{i}_constant"].std, 5 * lin.jac_radar[:, 4 * i + 3])
-    allowed = required_accuracies(
-        paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91)), 0.05
-    )
+    two = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91))
+    allowed = required_accuracies(two, 0.05)
     assert list(allowed) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "all"]
 
 
