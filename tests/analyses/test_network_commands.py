@@ -63,9 +63,8 @@ NETWORK = network_document(
 
 def test_the_map_of_a_network(tool):
     write(yaml_text(NETWORK))
-    command = ["map", "my.yaml", "--upper", "--method", "form", "--step-km", "100"]
-    ends = ["--north-km", "-400", "400", "--east-km", "-700", "700"]
-    code, _, err = tool(*command, *ends, "--no-plot", "--out", "out")
+    line = "map my.yaml --upper --method form --step-km 100 --no-plot --out out"
+    code, _, err = tool(*line.split(), *["--north-km", "-400", "400", "--east-km", "-700", "700"])
     assert code == 0, err
     with np.load("out/paper_map.npz") as file:
         found = dict(file)
