@@ -1,9 +1,13 @@
 """What `budget --threshold` requires agrees with the threshold test, and with what is known."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import radar_sense as rs
+
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def near(constant, std, rest=""):
@@ -44,6 +48,24 @@ def test_sigma_of_few_draws_that_reach_no_limit_is_no_certainty():
     result = rs.analyses.budget(s, method="montecarlo", runs=64)
     assert not any("certain" in line for line in result.report)
     assert any("[sigma-off]" in line for line in result.warnings)
+
+
+def test_position_and_constant_of_a_radar_that_is_enough_alone():
+    """Each is scaled by itself, and 3 sigma is then the target by an own root sum of squares."""
+    s = rs.load_scenario(CONFIGS / "network.yaml").with_analysis(method="linear", level="high")
+    s = s.at_poses(slice(252, 253))
+    found = {c: v[0] for c, v in rs.analyses.budget(s).table.items()}
+    target = 0.9 * found["three_sigma_total"]
+    required = rs.analyses.budget(s, target=target).summary["target"]["required_accuracy"]
+    assert required["mobile"]["factor"] is not None
+    assert required["ridge"]["factor"] is None
+    assert "ridge_position" not in required
+    for name in ("mobile_position", "mobile_constant"):
+        rest = found["three_sigma_total"] ** 2 - found[f"three_sigma_{name}"] ** 2
+        factor = np.sqrt(target**2 - rest) / found[f"three_sigma_{name}"]
+        assert required[name]["factor"] == pytest.approx(factor, rel=1e-6)
+        other = {"mobile_position": "mobile_constant", "mobile_constant": "mobile_position"}[name]
+        assert required[name]["residual_from"] == other
 
 
 def test_a_threshold_that_holds_requires_nothing():

@@ -185,6 +185,7 @@ def test_not_a_text_file(here):
         rs.load_rcs_table("a.csv")
     for name, words in (
         ("none.csv", "none.csv: cannot be read: No such file"),
+        ("tabel.csv", "tabel.csv: cannot be read: No such file or directory; did you mean"),
         (".", ".: is a directory, not an RCS table"),
         ("a\0b", r"a\x00b: cannot be read: embedded null byte"),
     ):
