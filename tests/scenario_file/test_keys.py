@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import assert_refused, assert_same_scenario, cov_by_level, place, refusal, write
+from helpers import assert_refused, assert_same_scenario, cov_by_level, refusal, write
+from scenario_file.refused import place_of_error, refused
 
 import radar_sense as rs
 from radar_sense.propagation import METHODS
@@ -65,40 +66,28 @@ def replaced(changes: dict[str, str], lines: Lines = LINES) -> Lines:
     ]
 
 
-def parent(path: str) -> str:
-    return path.rpartition(".")[0]
-
-
 def line_of(path: str, lines: Lines) -> int:
     return [p for p, _ in lines].index(path) + 1
 
 
-def accepted(tool: Callable, lines: Lines) -> rs.Scenario:
-    code, _, err = tool("check", write(yaml_text(lines)))
-    assert code == 0
-    assert only_warnings(err)
-    return rs.load_scenario("my.yaml")
+def accepted(lines: Lines) -> rs.Scenario:
+    return rs.parse_scenario(yaml_text(lines), "my.yaml")
 
 
-def only_warnings(err: str) -> bool:
-    """Return whether all lines are warnings."""
-    return all(line.startswith("Warning: ") for line in err.splitlines())
+def with_changes(**changes: str) -> rs.Scenario:
+    """Return the scenario with other values at key paths, `__` between the keys."""
+    return accepted(replaced({path.replace("__", "."): v for path, v in changes.items()}))
 
 
-def test_the_lines_are_the_embedded_scenario(tool):
+def test_optional_keys_have_the_papers_values():
     assert yaml.safe_load(yaml_text(LINES)) == yaml.safe_load(default_text())
-    assert len(LINES) > 30
-    accepted(tool, LINES)
-
-
-def test_optional_keys_have_the_papers_values(tool):
     paper = rs.load_scenario().resolved()
     for path in OPTIONAL:
-        assert accepted(tool, without(path)).resolved() == paper
+        assert accepted(without(path)).resolved() == paper
     for method in METHODS:
-        scenario = accepted(tool, replaced({"analysis.method": method}))
+        scenario = with_changes(analysis__method=method)
         assert scenario.method == scenario.resolved()["analysis"]["method"] == method
-    assert accepted(tool, without("analysis.method")).method == "automatic"
+    assert accepted(without("analysis.method")).method == "automatic"
 
 
 # Values out of range.
@@ -134,9 +123,9 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("path", "value", "says"), WRONG)
-def test_value_that_is_not_allowed(tool, path, value, says):
+def test_value_that_is_not_allowed(path, value, says):
     key = path.split("[")[0]
-    line, where, complaint = place(refusal(tool, yaml_text(replaced({key: value}))))
+    line, where, complaint = place_of_error(yaml_text(replaced({key: value})))
     assert (line, where) == (line_of(key, LINES), path)
     assert says in complaint
 
@@ -153,16 +142,13 @@ IDENTITY_4 = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
         (RADAR, f"{{covariance: {IDENTITY_4}, constant: 1}}", "give only one"),
         (RADAR, f"{{covariance: {IDENTITY_4.replace('[1, 0', '[1, 2')}}}", "not symmetric"),
         ("uncertainty.radar", "{a b: {position_m: 1, constant: 1}}", "got 'a b'"),
-        (
-            "radar",
-            "{position_m: [0, 0, 0], p_fa: 0.1, constant: 1, surveillance: {}}",
-            "stands beside 'constant'",
-        ),
+        ("radar", "{position_m: [0, 0, 0], p_fa: 0.1, constant: 1, surveillance: {}}",
+         "stands beside 'constant'"),
     ],
-)
-def test_block_that_is_not_allowed(tool, path, value, says):
+)  # fmt: skip
+def test_block_that_is_not_allowed(path, value, says):
     lines = replaced({path: value})
-    line, where, complaint = place(refusal(tool, yaml_text(lines)))
+    line, where, complaint = place_of_error(yaml_text(lines))
     assert line == line_of(path, lines)
     assert is_within(where.split("[")[0], path)
     assert says in complaint
@@ -176,9 +162,9 @@ def test_block_that_is_not_allowed(tool, path, value, says):
         ("east", [5e5, 0, -3e3 + 0.5]),
     ],
 )
-def test_aircraft_on_top_of_the_radar(tool, azimuth_from, radar):
+def test_aircraft_on_top_of_the_radar(azimuth_from, radar):
     lines = replaced({"radar.position_m": str(radar), "geometry.azimuth_from": azimuth_from})
-    line, where, complaint = place(refusal(tool, yaml_text(lines)))
+    line, where, complaint = place_of_error(yaml_text(lines))
     assert where == "geometry"
     assert line_of("geometry", lines) <= line <= line_of("geometry.type", lines)
     assert "on top of the radar at azimuth" in complaint
@@ -248,37 +234,33 @@ def test_file_that_is_no_scenario(tool, kind):
 
 @pytest.mark.parametrize("bomb", [LAUGHS, DOUBLED, MERGED], ids=["laughs", "doubled", "merged"])
 @pytest.mark.parametrize("path", ["radar.constant", "aircraft.rcs", RADAR])
-def test_alias_bomb_where_a_value_belongs(tool, path, bomb):
+def test_alias_bomb_where_a_value_belongs(path, bomb):
     # The bomb is the first level of uncertainty, its last line the value of the key.
-    last = re.findall(r"&(\w+)", bomb)[-1]
+    alias = "*" + re.findall(r"&(\w+)", bomb)[-1]
     fuse = "".join("    " + line + "\n" for line in bomb.splitlines())
-    text = f"junk:\n{fuse}" + yaml_text(replaced({path: f"*{last}"}))
-    assert "junk" in refusal(tool, text)
+    *_, message = place_of_error(f"junk:\n{fuse}" + yaml_text(replaced({path: alias})))
+    assert "junk" in message
     # With the bomb where keys are free (names of levels) the reader gets as far as the value.
-    lines = [(p, v) for p, v in LINES if not p.startswith("uncertainty")]
-    text = f"uncertainty:\n  radar:\n{fuse}" + yaml_text(
-        [(p, f"*{last}" if p == path else v) for p, v in lines]
-    )
-    refusal(tool, text)
+    lines = [(p, alias if p == path else v) for p, v in LINES if not is_within(p, "uncertainty")]
+    place_of_error(f"uncertainty:\n  radar:\n{fuse}" + yaml_text(lines))
 
 
 @pytest.mark.parametrize("path", ["radar", "uncertainty.radar", "uncertainty.radar.low"])
-def test_mapping_inside_itself(tool, path):
-    children = [p for p in PATHS if parent(p) == path]
-    loop = ", ".join(f"{child.split('.')[-1]}: *loop" for child in children)
-    refusal(tool, yaml_text(replaced({path: f"&loop {{{loop}}}"})))
+def test_mapping_inside_itself(path):
+    keys = [p.split(".")[-1] for p in PATHS if p.rpartition(".")[0] == path]
+    loop = ", ".join(f"{key}: *loop" for key in keys)
+    place_of_error(yaml_text(replaced({path: f"&loop {{{loop}}}"})))
 
 
-def test_matrix_inside_itself(tool):
-    refusal(tool, yaml_text(replaced({RADAR: "{covariance: &m [*m, *m, *m, *m]}"})))
-    rows = "&m [*r, *r, *r, *r]".replace("*r", "&r [*r, *r, *r, *r]", 1)
-    refusal(tool, yaml_text(replaced({RADAR: f"{{covariance: {rows}}}"})))
+@pytest.mark.parametrize("rows", ["&m [*m, *m, *m, *m]", "&m [&r [*r, *r, *r, *r], *r, *r, *r]"])
+def test_matrix_inside_itself(rows):
+    place_of_error(yaml_text(replaced({RADAR: f"{{covariance: {rows}}}"})))
 
 
-@pytest.mark.parametrize("unit", ["{a,", "- - - a\n", "'"])
-def test_much_nonsense_is_refused(tool, unit):
-    head, body = ("{", "a,") if unit == "{a," else ("", unit)
-    refusal(tool, (head + body * (MAX_BYTES // len(body)))[: MAX_BYTES // 8])
+@pytest.mark.parametrize("unit", ["a,", "- - - a\n", "'"])
+def test_much_nonsense_is_refused(unit):
+    with refused("my.yaml:"):
+        rs.parse_scenario("{" * (unit == "a,") + unit * (MAX_BYTES // 8 // len(unit)), "my.yaml")
 
 
 @pytest.mark.parametrize(
@@ -333,30 +315,35 @@ def test_init_that_cannot_write(tool, name):
 
 
 @pytest.mark.parametrize("name", ["NO", "123", "yes", "1e-6", "null", "a-b_c.d", "'123'"])
-def test_names_are_text(tool, name):
-    assert accepted(tool, replaced({"name": name})).name == name.strip("'")
+def test_names_are_text(name):
+    assert with_changes(name=name).name == name.strip("'")
 
 
 @pytest.mark.parametrize("name", ["_x", "räder", "日本", "a/b", "two words", ".hidden", "..", "~"])
-def test_names_that_are_refused(tool, name):
+def test_names_that_are_refused(name):
     """Names stand in file names, in columns and in figures, whose font has no 日."""
     for key in ("name: paper", "    medium:"):
         text = default_text().replace(key, key.replace("paper", name).replace("medium", name))
-        assert "letters A to Z" in refusal(tool, text)
+        *_, message = place_of_error(text)
+        assert "letters A to Z" in message
 
 
 @pytest.mark.parametrize("level", ["NO", "1", "a" * 40], ids=lambda s: s[:9])
 def test_names_of_levels_are_text(tool, level):
     lines = [
         (p.replace("radar.medium", f"radar.{level}"), level if p == "analysis.level" else v)
-        for p, v in LINES
+        for p, v in replaced(FEW)
         if not p.startswith(("uncertainty.radar.low", "uncertainty.radar.high"))
     ]
-    scenario = accepted(tool, lines)
+    scenario = accepted(lines)
     assert (scenario.levels, scenario.level) == ((level,), level)
-    code, _, err = tool("sensitivity", "my.yaml")  # levels are labels in figures too
+    # levels are labels in figures too
+    code, _, err = tool("sensitivity", write(yaml_text(lines)))
     assert code == 0
     assert all(line.startswith("Warning: ") for line in err.splitlines())
+
+
+FEW = {"geometry.azimuth_deg.step": "45"}
 
 
 @pytest.mark.parametrize("encode", [
@@ -370,18 +357,16 @@ def test_harmless_variations_of_a_file(tool, encode):
     assert tool("check", "my.yaml") == tool("check")
 
 
-def test_an_alias_is_only_a_shorthand(tool):
-    plain = accepted(tool, LINES)
-    lines = replaced({"radar.position_m": "&zero [0, 0, 0]"})
-    lines = [(p, "*zero" if p == "aircraft.attitude_deg" else v) for p, v in lines]
-    assert (accepted(tool, lines).aircraft[:, :5] == plain.aircraft[:, :5]).all()
-    assert "*" not in tool("check", "my.yaml").out
+def test_an_alias_is_only_a_shorthand():
+    lines = replaced({"radar.position_m": "&zero [0, 0, 0]", "aircraft.attitude_deg": "*zero"})
+    plain = with_changes(radar__position_m="[0, 0, 0]", aircraft__attitude_deg="[0, 0, 0]")
+    assert accepted(lines).resolved() == plain.resolved()
 
 
-def draws(tool: Callable, *options: str) -> tuple[bytes, int]:
-    """CSV and recorded seed of a small Monte Carlo."""
-    args = ["--runs", "3", "--no-plot", "-q", *options]
-    code, out, err = tool("montecarlo", "my.yaml", *args)
+def draws(tool: Callable, seed: str, *options: str) -> tuple[bytes, int]:
+    """CSV and recorded seed of a small Monte Carlo with a seed in the file."""
+    write(yaml_text(replaced({**FEW, "analysis.seed": seed})))
+    code, out, err = tool("montecarlo", "my.yaml", "--runs", "3", "--no-plot", "-q", *options)
     assert (code, out) == (0, "")
     assert all(line.startswith("Warning: ") for line in err.splitlines())
     record = json.loads(Path("figures/paper_montecarlo.json").read_text())
@@ -389,26 +374,16 @@ def draws(tool: Callable, *options: str) -> tuple[bytes, int]:
     return Path("figures/paper_montecarlo.csv").read_bytes(), record["seed"]
 
 
-FEW = {"geometry.azimuth_deg.step": "45"}
-
-
-@pytest.mark.parametrize("seed", ["0", "12345678901234567890" * 2 + "1234567890", "1e3"])
+@pytest.mark.parametrize("seed", ["0", "12345678901234567890" * 2, "1e3", "9" * 400])
 def test_seed_in_file_and_as_option(tool, seed):
-    write(yaml_text(replaced(FEW)))
-    by_option = draws(tool, "--seed", seed)
-    write(yaml_text(replaced({**FEW, "analysis.seed": seed})))
-    by_file = draws(tool)
+    """The option is heard in place of the file."""
+    by_option, by_file = draws(tool, "1", "--seed", seed), draws(tool, seed)
     assert by_option == by_file
     assert by_file[1] == (int(seed) if seed.isdigit() else int(float(seed)))
-    # A seed in the file gives way to the option.
-    assert draws(tool, "--seed", "2") != by_file
+    assert draws(tool, seed, "--seed", "2") != by_file
 
 
-def test_a_seed_with_more_digits_than_a_float(tool):
-    seed = "9" * 400
-    write(yaml_text(replaced({**FEW, "analysis.seed": seed})))
-    assert draws(tool)[1] == int(seed)
-    # Python reads whole numbers of up to 4300 digits.
+def test_a_seed_of_more_digits_than_python_reads(tool):
     write(yaml_text(replaced({**FEW, "analysis.seed": "9" * 5000})))
     for args in (["my.yaml"], ["--seed", "9" * 5000]):
         assert_refused(*tool("montecarlo", *args, "--runs", "2", "--no-plot"))
@@ -424,33 +399,27 @@ def test_a_seed_with_more_digits_than_a_float(tool):
         ("0", "10", "100", [0]),
     ],
 )
-def test_sweep(tool, start, stop, step, expected):
-    keys = ("start", "stop", "step")
-    changes = dict(
-        zip((f"geometry.azimuth_deg.{k}" for k in keys), (start, stop, step), strict=True)
-    )
-    assert accepted(tool, replaced(changes)).axis.values.tolist() == expected
+def test_sweep(start, stop, step, expected):
+    sweep = f"{{start: {start}, stop: {stop}, step: {step}}}"
+    assert with_changes(geometry__azimuth_deg=sweep).axis.values.tolist() == expected
 
 
 # Units: against arithmetic that is not the package's.
 
 
-def test_units_become_si(tool):
-    scenario = accepted(
-        tool,
-        replaced({
-            "radar.position_m": "[100, -200, -30]",
-            "aircraft.attitude_deg": "[5, -10, 270]",
-            "geometry.range_km": "12.5",
-            "geometry.down_km": "-1.5",
-        }),
-    )  # fmt: skip
+def test_units_become_si():
+    scenario = with_changes(
+        radar__position_m="[100, -200, -30]",
+        aircraft__attitude_deg="[5, -10, 270]",
+        geometry__range_km="12.5",
+        geometry__down_km="-1.5",
+    )
     assert scenario.radar.tolist() == [100, -200, -30, 167]
+    angles = [math.radians(a) for a in (5, -10, 270)]
     for theta, pose in zip(scenario.axis.values, scenario.aircraft, strict=True):
         north, east = 12500 * math.sin(math.radians(theta)), 12500 * math.cos(math.radians(theta))
         # A micrometre, and 1e-15 rad: the rounding of these numbers, a few times over.
         assert pose[:3] == pytest.approx([north, east, -1500], rel=0, abs=1e-10)
-        angles = [math.radians(a) for a in (5, -10, 270)]
         assert pose[3:] == pytest.approx(angles, rel=0, abs=2e-15)
 
 
@@ -461,59 +430,52 @@ def block(rows: Sequence[Sequence[float]]) -> str:
 @pytest.mark.parametrize(
     "value", ["10", "[10, 10, 10]", "[[100, 0, 0], [0, 100, 0], [0, 0, 100]]", "[10, 10.0, 1e1]"]
 )
-def test_a_deviation_can_be_written_in_three_ways(tool, value):
-    scenario = accepted(tool, replaced({f"{AIRCRAFT}.position_m": value}))
+def test_a_deviation_can_be_written_in_three_ways(value):
+    scenario = with_changes(uncertainty__aircraft__position_m=value)
     assert (scenario.cov_aircraft[:3, :3] == 100 * np.eye(3)).all()
     assert (scenario.cov_aircraft[:3, 3:] == 0).all()
 
 
-def test_uncertainties_become_si(tool):
-    scenario = accepted(tool, replaced({f"{AIRCRAFT}.attitude_deg": "[1, 2, 3]"}))
+def test_uncertainties_become_si():
+    scenario = with_changes(uncertainty__aircraft__attitude_deg="[1, 2, 3]")
     variances = [100.0] * 3 + [math.radians(a) ** 2 for a in (1, 2, 3)]
     assert scenario.cov_aircraft == pytest.approx(np.diag(variances), rel=1e-15, abs=0)
     assert (cov_by_level(scenario)["medium"] == np.diag([1e4, 1e4, 1e4, 25])).all()
     assert scenario.levels == ("low", "medium", "high")
 
 
-def test_full_covariances_are_in_the_units_of_their_keys(tool):
+def test_full_covariances_are_in_the_units_of_their_keys():
     factor = np.random.default_rng(3).normal(size=(6, 6)).round(3)
     aircraft = (factor @ factor.T + np.eye(6)).round(6)
-    radar = aircraft[:4, :4]
-    scenario = accepted(
-        tool,
-        replaced({
-            AIRCRAFT: f"{{covariance: {block(aircraft)}}}",
-            RADAR: f"{{covariance: {block(radar)}}}",
-        }),
-    )  # fmt: skip
-    unit = [1, 1, 1] + [math.radians(1)] * 3
-    for i in range(6):
-        for j in range(6):
-            expected = aircraft[i, j] * unit[i] * unit[j]
-            assert scenario.cov_aircraft[i, j] == pytest.approx(expected, rel=1e-15)
-    assert (cov_by_level(scenario)["medium"] == radar).all()
+    changes = {
+        AIRCRAFT: f"{{covariance: {block(aircraft)}}}",
+        RADAR: f"{{covariance: {block(aircraft[:4, :4])}}}",
+    }
+    scenario = accepted(replaced(changes))
+    unit = np.array([1, 1, 1] + [math.radians(1)] * 3)
+    assert scenario.cov_aircraft == pytest.approx(aircraft * np.outer(unit, unit), rel=1e-15)
+    assert (cov_by_level(scenario)["medium"] == aircraft[:4, :4]).all()
     # Blocks on the diagonal are the same as keys of their own.
     parts = np.zeros((6, 6))
     parts[:3, :3], parts[3:, 3:] = aircraft[:3, :3], aircraft[3:, 3:]
-    whole = accepted(tool, replaced({AIRCRAFT: f"{{covariance: {block(parts)}}}"}))
-    keys = {
-        f"{AIRCRAFT}.position_m": block(aircraft[:3, :3]),
-        f"{AIRCRAFT}.attitude_deg": block(aircraft[3:, 3:]),
-    }
-    by_key = accepted(tool, replaced(keys))
+    whole = with_changes(uncertainty__aircraft=f"{{covariance: {block(parts)}}}")
+    by_key = with_changes(
+        uncertainty__aircraft__position_m=block(aircraft[:3, :3]),
+        uncertainty__aircraft__attitude_deg=block(aircraft[3:, 3:]),
+    )
     assert by_key.cov_aircraft == pytest.approx(whole.cov_aircraft, rel=1e-15, abs=0)
 
 
-def test_singular_covariances_are_covariances(tool):
+def test_singular_covariances_are_covariances():
     ones = block(np.ones((4, 4)))
-    assert (accepted(tool, replaced({RADAR: f"{{covariance: {ones}}}"})).cov_radar == 1).all()
-    accepted(tool, replaced({f"{RADAR}.position_m": "0", f"{RADAR}.constant": "0"}))
+    assert (accepted(replaced({RADAR: f"{{covariance: {ones}}}"})).cov_radar == 1).all()
+    accepted(replaced({f"{RADAR}.position_m": "0", f"{RADAR}.constant": "0"}))
     # Rounded entries become symmetric.
     rounded = "[[1, 0.3, 0], [0.30000000000000004, 1, 0], [0, 0, 1]]"
-    read = accepted(tool, replaced({f"{RADAR}.position_m": rounded})).cov_radar
+    read = accepted(replaced({f"{RADAR}.position_m": rounded})).cov_radar
     assert (read == read.T).all()
     # Written with six digits, as programs do, a full correlation is off by rounding only.
-    accepted(tool, replaced({f"{RADAR}.position_m": "[[1, 2, 0], [2, 4, 0], [0, 0, 0]]"}))
+    accepted(replaced({f"{RADAR}.position_m": "[[1, 2, 0], [2, 4, 0], [0, 0, 0]]"}))
 
 
 ROUND_TRIPS = {
@@ -537,8 +499,8 @@ ROUND_TRIPS = {
 
 @pytest.mark.parametrize("kind", ROUND_TRIPS)
 def test_check_prints_the_scenario_itself(tool, kind):
-    before = accepted(tool, ROUND_TRIPS[kind])
-    printed = tool("check", "my.yaml").out
+    before = accepted(ROUND_TRIPS[kind])
+    printed = tool("check", write(yaml_text(ROUND_TRIPS[kind]))).out
     write(printed, "again.yaml")
     assert tool("check", "again.yaml")[:2] == (0, printed)
     after = rs.load_scenario("again.yaml")

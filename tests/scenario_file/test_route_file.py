@@ -23,11 +23,11 @@ from routes import (
     same,
     triangle,
 )
+from scenario_file.refused import refused
 from scipy.spatial.transform import Rotation
 
 from radar_sense import states
 from radar_sense.covariance import problem
-from radar_sense.errors import InputError
 from radar_sense.model import geodesy as wgs84
 from radar_sense.model.trajectory import resample
 from radar_sense.scenario_file import table_file
@@ -60,13 +60,6 @@ def test_a_route_has_times_states_and_distance():
 @pytest.mark.parametrize(
     "text",
     [
-        "\ufeff" + SIMPLE,
-        SIMPLE.replace("\n", "\r\n"),
-        SIMPLE.rstrip("\n"),
-        SIMPLE.replace("\n", "\n\n"),
-        "# größer\n\n  # b\n" + SIMPLE.replace("\n", " # c, d\n"),
-        SIMPLE.replace("\n", "\n   \n"),
-        SIMPLE.replace(",", " ,  "),
         SIMPLE.replace(",100", ",+.1e3").replace("200", "2.E+02"),
         "down_m,time_s,north_km,east_km\n-1000,0,0,0\n-1000,1,0.1,0\n-1000,2,0.2,0\n",
     ],
@@ -76,16 +69,12 @@ def test_the_same_route_written_otherwise(text):
 
 
 def test_attitude_and_standard_deviations():
-    std = [1, 2, 3, 0.1, 0.2, 0.3]
-    header = ",".join(["time_s", "north_m", "east_m", "down_m", *ATTITUDE, *STD])
-    found = load(f"{header}\n5,1,2,3,10,-20,300,{','.join(map(str, std))}\n")
+    header = ",".join([HEAD, *ATTITUDE, *STD])
+    found = load(f"{header}\n5,1,2,3,10,-20,300,1,2,3,0.1,0.2,0.3\n")
     assert found.attitude_given
-    np.testing.assert_allclose(
-        found.aircraft, [[1, 2, 3, 10 * DEG, -20 * DEG, 300 * DEG]], rtol=1e-15
-    )
-    np.testing.assert_allclose(
-        found.covariance, [np.diag(np.square([1, 2, 3, 0.1 * DEG, 0.2 * DEG, 0.3 * DEG]))]
-    )
+    np.testing.assert_allclose(found.aircraft, [[1, 2, 3, *DEG * np.array([10, -20, 300])]], 1e-15)
+    std = [1, 2, 3, 0.1 * DEG, 0.2 * DEG, 0.3 * DEG]
+    np.testing.assert_allclose(found.covariance, [np.diag(np.square(std))])
     np.testing.assert_array_equal(found.distance_m, [0])
 
 
@@ -199,7 +188,7 @@ def test_a_covariance_of_roll_and_yaw_straight_up_is_refused():
         **dict(zip(ATTITUDE, ([0, 0], [0, 0], [90, 90]), strict=True)),
     }
     load(columns, origin=(0.0, 0.0, 0.0))
-    with pytest.raises(InputError, match=r"route\.csv: at time_s 7\.5 .* straight up or down"):
+    with refused("route.csv: at time_s 7.5 ... straight up or down"):
         load({**columns, **{name: [1, 1] for name in STD}}, origin=(0.0, 0.0, 0.0))
 
 
@@ -238,112 +227,80 @@ WITH_COV = ",".join([HEAD, *COV])
 ONES = ",".join(["1"] * 21)
 IDENTITY = ",".join("1" if i == j else "0" for i, j in UPPER)
 
+#: A file, and the error behind its name; `...` stands for any letters.
 REFUSED = {
-    "empty": ("", "route.csv: is empty; the first line must name the columns"),
-    "no rows": (f"{HEAD}\n# none\n", "route.csv: has no rows"),
-    "one row": (f"{HEAD}\n0,0,0,0\n", "route.csv: has 1 row; attitude from the track needs 2"),
-    "not utf-8": (b"time_s,\xff\n", "route.csv:1: is not UTF-8 text: byte 0xff"),
-    "not utf-8 below": (SIMPLE.encode() + b"# \xe9\n", "route.csv:5: is not UTF-8 text: byte 0xe9"),
-    "zero bytes": (bytes(100), "route.csv:1: is not text: it has a zero byte"),
-    "a long line": (b"x" * 100_000, "route.csv:1: is longer than 65536 bytes"),
-    "unknown": (
-        SIMPLE.replace("north", "nort"),
-        "route.csv:1: unknown column 'nort_m', allowed: time_s or speed_m_s; ",
-    ),
-    "no time": (
-        "north_m,east_m,down_m\n0,0,0\n1,0,0\n",
-        "route.csv:1: has no times; waypoints without times need a speed, geometry.speed_m_s or",
-    ),
-    "no down": ("time_s,north_m,east_m\n", "route.csv:1: missing column 'down_m'"),
-    "no place": ("time_s\n", "route.csv:1: missing column 'north_m', required are latitude_deg"),
-    "no altitude": (
-        "time_s,latitude_deg,longitude_deg\n",
-        "route.csv:1: missing column 'altitude_m'",
-    ),
-    "two units": (f"{HEAD},north_km\n", "route.csv:1: has north_m beside north_km; give only one"),
-    "two frames": (f"{HEAD},latitude_deg\n", "route.csv:1: has north_m beside latitude_deg; give"),
-    "two clocks": (f"{HEAD},speed_m_s\n", "route.csv:1: has time_s beside speed_m_s; give only"),
-    "half an attitude": (
-        f"{HEAD},roll_deg,yaw_deg\n",
-        "route.csv:1: missing column 'pitch_deg', required are all of roll_deg, pitch_deg, yaw_deg",
-    ),
-    "half a covariance": (
-        f"{HEAD},std_north_m\n",
-        "missing column 'std_east_m', required are all of std_north_m to std_yaw_deg, or none",
-    ),
-    "two covariances": (
-        f"{WITH_STD},{','.join(COV)}\n",
-        "route.csv:1: has std_north_m beside cov_north_north_m2; give only one of the two",
-    ),
-    "lower triangle": (f"{HEAD},cov_east_north_m2\n", "did you mean 'cov_"),
-    "text": (f"{HEAD}\n0,0,0,0\n1,x,0,0\n", "route.csv:3: north_m: must be a number"),
-    "nothing": (f"{HEAD}\n0,,0,0\n", "route.csv:2: north_m: must be a number not less than"),
-    "inf": (f"{HEAD}\n0,0,-inf,0\n", "route.csv:2: east_m: must be finite, got -inf"),
-    "far": (
-        f"{HEAD}\n0,0,0,0\n1,2e8,0,0\n",
-        "route.csv:3: north_m: must be a number not less than -1e+08 and not greater than 1e+08, "
-        "got 200000000",
-    ),
-    "time back": (
-        f"{HEAD}\n0,0,0,0\n2,1,1,1\n# c\n1.5,2,2,2\n",
-        "route.csv:5: time_s: must be later than 2.0, the time of the row before, got 1.5",
-    ),
-    "time hardly moving": (
-        f"{HEAD}\n0,0,0,0\n5e-10,1,1,1\n",
-        "must be later than 0.0, the time of the row before, by 1e-09 s or more, got 5e-10",
-    ),
-    "latitude 91": (
-        f"{GEO}\n0,0,0,0\n1,91,0,0\n",
-        "route.csv:3: latitude_deg: must be a number not less than -90 and not greater than 90, "
-        "got 91",
-    ),
-    "no origin": (f"{GEO}\n0,0,0,0\n", "route.csv:1: latitude and longitude need the or"),
-    "pitch": (
-        f"{HEAD},roll_deg,pitch_deg,yaw_deg\n0,0,0,0,0,90.1,0\n",
-        "route.csv:2: pitch_deg: must be a number not less than -90 and not greater than 90",
-    ),
-    "negative std": (f"{WITH_STD}\n0,0,0,0,1,1,-1,1,1,1\n", "route.csv:2: std_down_m: must be"),
-    "negative variance": (
-        f"{WITH_COV}\n0,0,0,0,{IDENTITY.replace('1', '-1', 1)}\n",
-        "route.csv:2: cov_north_north_m2: must be a number not less than 0",
-    ),
+    "empty": ("", ": is empty; the first line must name the columns"),
+    "no rows": (f"{HEAD}\n# none\n", ": has no rows"),
+    "one row": (f"{HEAD}\n0,0,0,0\n", ": has 1 row; attitude from the track needs 2"),
+    "not utf-8": (b"time_s,\xff\n", ":1: is not UTF-8 text: byte 0xff"),
+    "not utf-8 below": (SIMPLE.encode() + b"# \xe9\n", ":5: is not UTF-8 text: byte 0xe9"),
+    "zero bytes": (bytes(100), ":1: is not text: it has a zero byte"),
+    "a long line": (b"x" * 100_000, ":1: is longer than 65536 bytes"),
+    "unknown": (SIMPLE.replace("north", "nort"),
+                ":1: unknown column 'nort_m', allowed: time_s or speed_m_s; "),
+    "no time": ("north_m,east_m,down_m\n0,0,0\n1,0,0\n",
+                ":1: has no times; waypoints without times need a speed, geometry.speed_m_s or"),
+    "no down": ("time_s,north_m,east_m\n", ":1: missing column 'down_m'"),
+    "no place": ("time_s\n", ":1: missing column 'north_m', required are latitude_deg"),
+    "no altitude": ("time_s,latitude_deg,longitude_deg\n", ":1: missing column 'altitude_m'"),
+    "two units": (f"{HEAD},north_km\n", ":1: has north_m beside north_km; give only one"),
+    "two frames": (f"{HEAD},latitude_deg\n", ":1: has north_m beside latitude_deg; give"),
+    "two clocks": (f"{HEAD},speed_m_s\n", ":1: has time_s beside speed_m_s; give only"),
+    "half an attitude": (f"{HEAD},roll_deg,yaw_deg\n", ":1: missing column 'pitch_deg', "
+                         "required are all of roll_deg, pitch_deg, yaw_deg"),
+    "half a covariance": (f"{HEAD},std_north_m\n", ":1: missing column 'std_east_m', "
+                          "required are all of std_north_m to std_yaw_deg, or none"),
+    "two covariances": (f"{WITH_STD},{','.join(COV)}\n",
+                        ":1: has std_north_m beside cov_north_north_m2; give only one of the two"),
+    "lower triangle": (f"{HEAD},cov_east_north_m2\n", ":1: ...did you mean 'cov_"),
+    "text": (f"{HEAD}\n0,0,0,0\n1,x,0,0\n", ":3: north_m: must be a number"),
+    "nothing": (f"{HEAD}\n0,,0,0\n", ":2: north_m: must be a number not less than"),
+    "inf": (f"{HEAD}\n0,0,-inf,0\n", ":2: east_m: must be finite, got -inf"),
+    "far": (f"{HEAD}\n0,0,0,0\n1,2e8,0,0\n", ":3: north_m: must be a number not less than "
+            "-1e+08 and not greater than 1e+08, got 200000000"),
+    "time back": (f"{HEAD}\n0,0,0,0\n2,1,1,1\n# c\n1.5,2,2,2\n",
+                  ":5: time_s: must be later than 2.0, the time of the row before, got 1.5"),
+    "time hardly moving": (f"{HEAD}\n0,0,0,0\n5e-10,1,1,1\n", ":3: time_s: must be later than 0.0, "
+                           "the time of the row before, by 1e-09 s or more, got 5e-10"),
+    "latitude 91": (f"{GEO}\n0,0,0,0\n1,91,0,0\n", ":3: latitude_deg: must be a number not less "
+                    "than -90 and not greater than 90, got 91"),
+    "no origin": (f"{GEO}\n0,0,0,0\n", ":1: latitude and longitude need the or"),
+    "pitch": (f"{HEAD},roll_deg,pitch_deg,yaw_deg\n0,0,0,0,0,90.1,0\n",
+              ":2: pitch_deg: must be a number not less than -90 and not greater than 90"),
+    "negative std": (f"{WITH_STD}\n0,0,0,0,1,1,-1,1,1,1\n", ":2: std_down_m: must be"),
+    "negative variance": (f"{WITH_COV}\n0,0,0,0,{IDENTITY.replace('1', '-1', 1)}\n",
+                          ":2: cov_north_north_m2: must be a number not less than 0"),
     "not semidefinite": (
         f"{WITH_COV}\n0,0,0,0,{IDENTITY}\n1,1,0,0,{ONES.replace('1,1', '1,1.1', 1)}\n",
-        "route.csv:3: covariance is not positive semidefinite: its correlation matrix has the",
-    ),
+        ":3: covariance is not positive semidefinite: its correlation matrix has the"),
     "covariance of what is certain": (
         f"{WITH_COV}\n0,0,0,0,0,1,{','.join(['0'] * 19)}\n",
-        "route.csv:2: covariance is not positive semidefinite: a component without variance",
-    ),
-    "never moves": (
-        f"{HEAD}\n0,0,0,0\n1,0,0,-5\n",
-        "route.csv: the aircraft never moves horizontally at 0.1 m/s or more, attitude cannot",
-    ),
-}
+        ":2: covariance is not positive semidefinite: a component without variance"),
+    "never moves": (f"{HEAD}\n0,0,0,0\n1,0,0,-5\n",
+                    ": the aircraft never moves horizontally at 0.1 m/s or more, attitude cannot"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_bad_files_are_refused_with_their_line(name):
     content, says = REFUSED[name]
-    with pytest.raises(InputError) as refused:
+    with refused(f"route.csv{says}"):
         load(content)
-    assert says in str(refused.value)
-    assert "\n" not in str(refused.value)
 
 
 def test_gaps_are_refused_if_asked():
     text = f"{HEAD}\n0,0,0,0\n1,100,0,0\n11.5,200,0,0\n"
-    assert len(load(text).time_s) == 3
-    assert len(load(text, max_gap_s=10.5).time_s) == 3
-    with pytest.raises(InputError, match=r"^route\.csv:4: time_s: must be within 10 s .* 10\.5"):
+    for allowed in (None, 10.5):
+        assert len(load(text, max_gap_s=allowed).time_s) == 3
+    with refused("route.csv:4: time_s: must be within 10 s ... 10.5"):
         load(text, max_gap_s=10)
     for wrong in (0, -1, math.nan):
-        with pytest.raises(InputError, match="max_gap_s must be"):
+        with refused("max_gap_s must be"):
             load(text, max_gap_s=wrong)
 
 
 def test_an_origin_must_be_a_place_and_have_a_use():
-    with pytest.raises(InputError, match=r"^route\.csv:1: north, east and down"):
+    with refused("route.csv:1: north, east and down"):
         load(SIMPLE, origin=ORIGIN)
     for wrong in ((2.0, 0.0, 0.0), (math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)):
         with pytest.raises(ValueError, match="origin must be"):
@@ -353,8 +310,8 @@ def test_an_origin_must_be_a_place_and_have_a_use():
 def test_too_many_rows_and_too_large_a_file(monkeypatch):
     monkeypatch.setattr(table_file, "MAX_ROWS", 3)
     assert len(load(SIMPLE).time_s) == 3
-    with pytest.raises(InputError, match=r"^route\.csv:6: has more than 3 rows"):
+    with refused("route.csv:6: has more than 3 rows"):
         load("\n" + SIMPLE + "3,300,0,0\n")
     monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
-    with pytest.raises(InputError, match="is larger than 1 MiB"):
+    with refused("is larger than 1 MiB"):
         load(SIMPLE + f"#{'x' * 2**15}\n" * 32)

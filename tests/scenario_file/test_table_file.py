@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import yaml
 from helpers import document, single, write_path
+from scenario_file.refused import refused
 
 import radar_sense as rs
-from radar_sense.errors import InputError
 from radar_sense.scenario_file.route_file import load_route
 from radar_sense.scenario_file.text_file import TextFile
 
@@ -31,29 +31,17 @@ def kind(request, tmp_path, monkeypatch):
 def test_a_pipe_is_refused_and_not_waited_for(kind):
     load, _ = kind
     os.mkfifo("pipe.csv")
-    with pytest.raises(InputError, match=r"^pipe\.csv: is not a regular file"):
-        load("pipe.csv")
-    with pytest.raises(InputError, match=r"^pipe\.csv: is not a regular file"):
-        rs.load_scenario("pipe.csv")
+    for read in (load, rs.load_scenario):
+        with refused("pipe.csv: is not a regular file"):
+            read("pipe.csv")
 
 
 def test_digits_are_ascii(kind):
     load, text = kind
     for digits in ("١", "1_0", "0x1", "１"):
         Path("a.csv").write_text(text.replace("\n0,", f"\n{digits},", 1), encoding="utf-8")
-        with pytest.raises(InputError, match=r"^a\.csv:\d: \w+: must be a number .*, got '"):
+        with refused("a.csv:...: must be a number ..., got '"):
             load("a.csv")
-
-
-def test_quoted_cells_are_cells(kind):
-    load, text = kind
-    Path("a.csv").write_text(text)
-    plain = load("a.csv")
-    Path("a.csv").write_text(
-        "\n".join(",".join(f' "{cell}"' for cell in line.split(",")) for line in text.splitlines())
-    )
-    quoted = load("a.csv")
-    same(plain, quoted)
 
 
 def same(one, other):
@@ -63,6 +51,10 @@ def same(one, other):
 
 
 SPREADSHEETS = {
+    "quoted cells": lambda text: re.sub(r"([^,\n]+)", r' "\1"', text),
+    "spaces": lambda text: text.replace(",", " ,  "),
+    "no last newline": lambda text: text.rstrip("\n"),
+    "empty lines": lambda text: text.replace("\n", "\n  \n\n"),
     "semicolons": lambda text: text.replace(",", ";"),
     "decimal commas": lambda text: text.replace(",", ";").replace(".", ","),
     "quoted decimal commas": lambda text: re.sub(
@@ -73,7 +65,7 @@ SPREADSHEETS = {
     "empty quoted columns": lambda text: text.replace("\n", ',"", ,\n'),
     "empty rows": lambda text: text.replace("\n", "\n,,,,,\n") + ",,,,,\n" * 9,
     "byte order mark": lambda text: "\ufeff" + text.replace(",", ";").replace("\n", "\r\n"),
-    "comments": lambda text: "# a;b\n" + text.replace("\n", "# 1;2\n"),
+    "comments": lambda text: "# größer;b\n\n  # b\n" + text.replace("\n", "# 1;2\n"),
     "exponents": lambda text: text.replace(",", ";").replace("5;", "5E0;").replace("0.5", "5,e-1"),
 }
 
@@ -115,20 +107,19 @@ NO_GUESS = {
 def test_a_comma_is_never_guessed(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("a.csv").write_text(text)
-    with pytest.raises(InputError) as refused:
+    with refused(f"a.csv:{NO_GUESS[text].replace('LIMIT', LIMIT)}"):
         rs.load_rcs_table("a.csv")
-    assert str(refused.value).startswith(f"a.csv:{NO_GUESS[text].replace('LIMIT', LIMIT)}")
 
 
 def test_the_text_of_a_confidential_file_is_not_shown(kind):
     load, text = kind
     for secret in ("root:$6$abcdef:19000:0\n", "-----BEGIN KEY-----\nx\n", "hunter2, swordfish\n"):
         Path("secret").write_text(secret)
-        with pytest.raises(InputError, match=r"^secret:1: names none of the columns") as refused:
+        with refused("secret:1: names none of the columns") as error:
             load("secret")
-        assert secret[:7] not in str(refused.value)
+        assert secret[:7] not in str(error.value)
     Path("a.csv").write_text(text.replace("_", "-", 1))
-    with pytest.raises(InputError, match=r"unknown column '\w+-\w+', .* did you mean"):
+    with refused("unknown column '...-...', ... did you mean"):
         load("a.csv")
 
 
@@ -137,14 +128,11 @@ def test_control_characters_are_escaped(kind):
     name = "a\x1b[31m\n\u202e.csv"
     first = text.split(",")[0]
     Path(name).write_text(text.replace(first, f"{first},x\x1b[2J\x07", 1))
-    with pytest.raises(InputError) as refused:
+    with refused(r"a\x1b[31m\n\u202e.csv:1: unknown column 'x\x1b[2J\x07'") as error:
         load(name)
-    message = str(refused.value)
-    assert message.isprintable()
-    assert message.startswith(r"a\x1b[31m\n\u202e.csv:1: unknown column 'x\x1b[2J\x07'")
-    with pytest.raises(InputError) as refused:
+    assert str(error.value).isprintable()
+    with refused(r"no\x1b.csv: cannot be read: No such file or directory"):
         load("no\x1b.csv")
-    assert str(refused.value) == r"no\x1b.csv: cannot be read: No such file or directory"
 
 
 def scenario_with(loader):
@@ -202,7 +190,7 @@ def test_another_file_than_the_recorded_one_is_the_first_error(kind):
     record = rs.load_scenario(config).resolved()
     for content in (text + "# more\n", "nonsense\n", text + "1,2,3,4,5,6\n"):
         file.write_text(content)
-        with pytest.raises(InputError, match=r"sha256: \w+\.csv is another file than it was"):
+        with refused("sha256: ....csv is another file than it was"):
             rs.parse_scenario(yaml.safe_dump(record))
 
 
@@ -224,9 +212,8 @@ def test_an_error_says_what_to_write(kind, cell):
     load, text = kind
     *_, last = text.splitlines()
     Path("a.csv").write_text(text + last.rpartition(",")[0] + f",{cell}\n")
-    with pytest.raises(InputError) as refused:
+    with refused(f", got {cell.strip(chr(34))!r}{INSTEAD[cell]}$"):
         load("a.csv")
-    assert str(refused.value).endswith(f", got {cell.strip(chr(34))!r}{INSTEAD[cell]}")
 
 
 def test_a_long_cell_is_refused_at_once(kind):
@@ -234,14 +221,12 @@ def test_a_long_cell_is_refused_at_once(kind):
     load, text = kind
     for cell in ("1" * 60_000 + "x", "1" * 60_000, "1" * 100 + "." + "1" * 60_000, "x" * 60_000):
         Path("a.csv").write_text(text.replace("\n0,", f"\n{cell},", 1))
-        with pytest.raises(InputError, match=r"\d: \w+: must be .*, got more than 100 letters$"):
+        with refused("must be ..., got more than 100 letters$"):
             load("a.csv")
         Path("a.csv").write_text(text.replace(",", f",{cell},", 1))
-        with pytest.raises(InputError, match=r"^a\.csv:1: unknown column .{42}, allowed"):
+        with refused("a.csv:1: unknown column ") as error:
             load("a.csv")
-        text_of_scenario = yaml.safe_dump(document(radar__p_fa="TEXT")).replace("TEXT", cell)
-        with pytest.raises(InputError, match=r"radar\.p_fa: must be"):
-            rs.parse_scenario(text_of_scenario)
+        assert re.search("column .{42}, allowed", str(error.value))
     Path("a.csv").write_text(text.replace("\n0,", f"\n{'0' * 100},", 1))
     load("a.csv")
 
@@ -252,12 +237,12 @@ def test_lines_are_counted_below_comments_and_empty_lines(kind):
     for row in (0, 3, len(rows) - 1):
         wrong = [*rows[:row], "x" + rows[row], *rows[row + 1 :]]
         Path("a.csv").write_text("\n".join(["# a", "", names, "", "# b", *wrong]))
-        with pytest.raises(InputError, match=rf"^a\.csv:{row + 6}: \w+: must be a number"):
+        with refused(f"a.csv:{row + 6}: ...: must be a number"):
             load("a.csv")
 
 
 def test_a_quote_ends_on_its_line(kind):
     load, text = kind
     Path("a.csv").write_text(text.replace("\n0,", '\n"0,', 1) + '1",1\n')
-    with pytest.raises(InputError, match=r"^a\.csv:\d: is not valid CSV: a quote does not end on"):
+    with refused("a.csv:...: is not valid CSV: a quote does not end on"):
         load("a.csv")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import yaml
 from helpers import write_path
+from scenario_file.refused import refused
 
 import radar_sense as rs
-from radar_sense.errors import InputError
 from radar_sense.scenario_file import table_file, track_file
 from radar_sense.scenario_file.route_file import load_route
 
@@ -205,10 +205,8 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_refused_in_one_line(load, case):
     name, text, options, says = REFUSED[case]
-    with pytest.raises(InputError) as refused:
+    with refused(says):
         load(name, text, **({"origin": None} if "north_m" in text else {}) | options)
-    assert says in str(refused.value)
-    assert "\n" not in str(refused.value)
 
 
 def test_a_scenario_and_its_record_read_the_same_route(tmp_path, monkeypatch):
@@ -232,12 +230,9 @@ def test_a_scenario_and_its_record_read_the_same_route(tmp_path, monkeypatch):
         again = rs.parse_scenario(yaml.safe_dump(scenario.resolved()))
         np.testing.assert_array_equal(again.aircraft, scenario.aircraft)
         np.testing.assert_array_equal(again.time_s, scenario.time_s)
-        np.testing.assert_allclose(
-            scenario.aircraft[:, :3],
-            load_route(Path("d.csv").write_text(csv(higher(47.5))) and "d.csv", origin=ORIGIN)
-            .aircraft[:, :3],
-            atol=1e-6,
-        )  # fmt: skip
+        Path("d.csv").write_text(csv(higher(47.5)))
+        expected = load_route("d.csv", origin=ORIGIN).aircraft
+        np.testing.assert_allclose(scenario.aircraft[:, :3], expected[:, :3], atol=1e-6)
 
 
 def test_a_file_has_at_most_a_million_points(load, monkeypatch):
@@ -245,20 +240,20 @@ def test_a_file_has_at_most_a_million_points(load, monkeypatch):
     for module in (table_file, track_file):
         monkeypatch.setattr(module, "MAX_ROWS", 3)
     for name, text, says in (
-        ("a.gpx", gpx(), r"a\.gpx:7: has more than 3 points"),
-        ("a.csv", opensky(), r"a\.csv:14: has more than 3 rows"),
+        ("a.gpx", gpx(), "a.gpx:7: has more than 3 points"),
+        ("a.csv", opensky(), "a.csv:14: has more than 3 rows"),
     ):
-        with pytest.raises(InputError, match=says):
+        with refused(says):
             load(name, text, **(SEA if name == "a.gpx" else {}))
 
 
 def test_the_memory_of_a_file_that_is_no_track_is_bounded(tmp_path):
     """A tree of `<a/>` takes 150 bytes for each byte of the file."""
-    for text in ("<a/>" * 2**17, "a" * 2**22, "<a/>\n<!--a-->" * 2**14):
+    for text in ("<a/>" * 2**15, "a" * 2**22, "<a/>\n<!--a-->" * 2**13):
         path = tmp_path / "a.gpx"
         path.write_text(GPX.format("a", text))
         tracemalloc.start()
-        with pytest.raises(InputError, match="must have one track or one route"):
+        with refused("must have one track or one route"):
             load_route(path)
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
