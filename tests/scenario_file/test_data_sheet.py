@@ -15,8 +15,8 @@ from helpers import (
     sheet_scenario,
     yaml_text,
 )
+from scenario_file.refused import refused
 
-from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import relative_std, shape
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
@@ -38,10 +38,12 @@ def test_resolved_scenario_reads_back(tool, kind, level):
     assert bool(first.tolerances[0]) == (level == "sheet")
 
 
+SHEETS = {"surveillance": SURVEILLANCE, "tracking": TRACKING}
+
+
 @pytest.mark.parametrize("kind", TOLERANCES)
 def test_the_noise_temperature_may_be_left_out_and_is_in_the_record(kind):
-    base = {"surveillance": SURVEILLANCE, "tracking": TRACKING}[kind]
-    stated, cold = (sheet_scenario(kind, {**base, "temperature_k": t}) for t in (290, 145))
+    stated, cold = (sheet_scenario(kind, {**SHEETS[kind], "temperature_k": t}) for t in (290, 145))
     tolerances = {**TOLERANCES[kind], "temperature_k": 20}
     left_out = parse_scenario(yaml_text(changed(kind, ["temperature_k"], tolerances)))
     np.testing.assert_array_equal(left_out.radar, stated.radar)
@@ -69,89 +71,63 @@ def test_check_shows_the_distribution(tool):
 
 
 def changed(kind, without=(), tolerances=None, **added):
-    base = {"surveillance": SURVEILLANCE, "tracking": TRACKING}[kind]
-    radar = {key: value for key, value in {**base, **added}.items() if key not in without}
+    sheet = {**SHEETS[kind], **added}
+    radar = {key: value for key, value in sheet.items() if key not in without}
     return sheet_document(kind, radar, tolerances)
 
 
+#: A document, and the error behind its line; `...` stands for any letters.
 BAD = {
     "two keys of one parameter": (
         changed("surveillance", average_power_w=1),
-        "radar.surveillance.average_power_w: stands beside 'average_power_kw'; give only one",
-    ),
+        "radar.surveillance.average_power_w: stands beside 'average_power_kw'; give only one"),
     "no key of a parameter": (
         changed("tracking", without=["frequency_ghz"]),
-        "radar.tracking: needs one of the keys 'frequency_ghz' and 'wavelength_m'",
-    ),
+        "radar.tracking: needs one of the keys 'frequency_ghz' and 'wavelength_m'"),
     "search factor": (
         changed("surveillance", search_factor="4π"),
-        "radar.surveillance.search_factor: must be one of 16, 4pi, got '4π'",
-    ),
+        "radar.surveillance.search_factor: must be one of 16, 4pi, got '4π'"),
     "loss with the name of a key": (
         changed("tracking", losses_db={"noise_figure": 1}),
-        "losses_db.noise_figure: must have another name, as 'noise_figure_db' is a key",
-    ),
+        "losses_db.noise_figure: must have another name, as 'noise_figure_db' is a key"),
     "loss without a name": (
-        changed("tracking", losses_db={"": 1}),
-        "must be the name of a loss, up to 30 letters",
-    ),
+        changed("tracking", losses_db={"": 1}), "must be the name of a loss, up to 30 letters"),
     "tolerance of a loss that is not given": (
         changed("tracking", tolerances={"losses_db": {"beam": 1}}, losses_db={"beam_shape": 1}),
-        "constant.losses_db.beam: is not in the data sheet, allowed: .*, losses_db.beam_shape",
-    ),
+        "losses_db.beam: is not in the data sheet, allowed: ..., losses_db.beam_shape"),
     "impossible constant": (
         changed("tracking", gain_dbi=200, peak_power_kw=1e10),
-        r"radar.tracking: makes the radar constant 1.\d+e\+\d+ J m\^2/K",
-    ),
+        "radar.tracking: makes the radar constant ...e+37 J m^2/K"),
     "two kinds": (
-        {
-            **sheet_document(),
-            "radar": {
-                "position_m": [0, 0, 0],
-                "surveillance": SURVEILLANCE,
-                "tracking": TRACKING,
-                "p_fa": 1e-6,
-            },
-        },
-        "radar.tracking: stands beside 'surveillance'; give only one of the two",
-    ),
+        document(radar={"position_m": [0, 0, 0], "surveillance": SURVEILLANCE,
+                        "tracking": TRACKING, "p_fa": 1e-6}),
+        "radar.tracking: stands beside 'surveillance'; give only one of the two"),
     "tolerance of what is not given": (
         changed("surveillance", tolerances={"average_power_w": 500}),
-        "sheet.constant.average_power_w: is not in the data sheet, allowed: average_power_kw, .*"
-        "did you mean 'average_power_kw'",
-    ),
+        "sheet.constant.average_power_w: is not in the data sheet, allowed: average_power_kw, "
+        "...did you mean 'average_power_kw'"),
     "no tolerance": (
         changed("surveillance", tolerances={}),
-        "sheet.constant: needs at least one of the keys average_power_kw, aperture_m2",
-    ),
+        "sheet.constant: needs at least one of the keys average_power_kw, aperture_m2"),
     "divisor that may be zero": (
         changed("surveillance", tolerances={"temperature_k": 48.334}),
         "sheet.constant.temperature_k: must be a number not less than 0 and not greater than "
-        "48.3333, 1/6 of the parameter because c_r is divided by this parameter; got 48.334",
-    ),
+        "48.3333, 1/6 of the parameter because c_r is divided by this parameter; got 48.334"),
     "divisor in inverse units": (
         changed("surveillance", tolerances={"rotation_rpm": 2}),
-        "sheet.constant.rotation_rpm: must be .*not greater than 1.66667",
-    ),
-}
+        "sheet.constant.rotation_rpm: must be ...not greater than 1.66667"),
+    "parts of a number": (
+        document(uncertainty__radar__low__constant={"loss_db": 1}),
+        "low.constant: must be a number not less than 0, got ...need radar.surveillance or "
+        "radar.tracking in place"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_refusals(tool, case):
+def test_refusals(case):
     bad, says = BAD[case]
-    Path("my.yaml").write_text(yaml_text(bad))
-    code, out, err = tool("budget", "my.yaml", "--out", "out")
-    assert (code, out) == (2, "")
-    assert re.fullmatch(rf"Error: my.yaml:\d+: .*{says}.*\n", err), err
-    assert not Path("out").exists()
-
-
-def test_parts_need_a_radar_that_has_them(tool):
-    bad = document(uncertainty__radar__low__constant={"loss_db": 1})
-    with pytest.raises(InputError, match=r"low.constant: must be a number not less than 0, got"):
-        parse_scenario(yaml_text(bad))
-    with pytest.raises(InputError, match=r"need radar.surveillance or radar.tracking in place"):
-        parse_scenario(yaml_text(bad))
+    with refused(f"my.yaml:...: ...{says}"):
+        parse_scenario(yaml_text(bad), "my.yaml")
 
 
 def test_wide_tolerance_of_a_factor_is_allowed():
@@ -174,9 +150,8 @@ SPREAD = {"losses_db": {"beam_shape": 0.4}, "noise_figure_db": 0.3}
 @pytest.mark.parametrize("kind", TOLERANCES)
 def test_losses_by_name(kind):
     """They are losses as any other: c_r falls by their sum, and each has its tolerance."""
-    base = {"surveillance": SURVEILLANCE, "tracking": TRACKING}[kind]
     plain = sheet_scenario(kind)
-    named = sheet_scenario(kind, {**base, "losses_db": NAMED}, SPREAD)
+    named = sheet_scenario(kind, {**SHEETS[kind], "losses_db": NAMED}, SPREAD)
     assert named.radar[3] == pytest.approx(plain.radar[3] * 10 ** (-3.6 / 10), rel=1e-14)
     found = {part.name: part for part in named.tolerances[0]}
     assert list(found) == ["noise_figure_db", "beam_shape_db"]
@@ -190,8 +165,8 @@ def test_losses_by_name(kind):
     assert again.tolerances == named.tolerances
     assert again.radar[3] == named.radar[3]
     # and with all of them named none is left without a name
-    only = {key: value for key, value in base.items() if key != "loss_db"}
-    everything = {**NAMED, "rest": base["loss_db"]}
+    only = {key: value for key, value in SHEETS[kind].items() if key != "loss_db"}
+    everything = {**NAMED, "rest": SHEETS[kind]["loss_db"]}
     other = sheet_scenario(kind, {**only, "losses_db": everything}, SPREAD)
     assert other.radar[3] == pytest.approx(named.radar[3], rel=1e-14)
     assert parse_scenario(yaml_text(other.resolved())).radar[3] == other.radar[3]
@@ -213,10 +188,8 @@ def test_losses_by_name_are_rows_of_the_budget(tool):
 
 
 def test_coherent_pulses_are_a_gain():
-    one, sixteen = (
-        sheet_scenario("tracking", {**TRACKING, **pulses})
-        for pulses in ({}, {"coherent_pulses": 16})
-    )
+    one = sheet_scenario("tracking")
+    sixteen = sheet_scenario("tracking", {**TRACKING, "coherent_pulses": 16})
     assert sixteen.radar[3] == pytest.approx(16 * one.radar[3], rel=1e-15)
     assert sixteen.resolved()["radar"]["tracking"]["coherent_pulses"] == 16
     assert parse_scenario(yaml_text(sixteen.resolved())).radar[3] == sixteen.radar[3]

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import yaml
+from scenario_file.refused import refused
 
 import radar_sense as rs
 from radar_sense.limits import ANY, LEVEL_NAME, NAME, NOT_NEGATIVE, POSITIVE, RUNS, SEED, Limit
@@ -97,12 +98,8 @@ def cart(text: str) -> Cart:
 
 def test_every_kind_is_read_and_written_as_typed():
     made = cart(GOOD)
-    assert (made.load_kg, made.life_s, made.brake, made.place_m) == (
-        100,
-        float("inf"),
-        True,
-        (1, -2.5),
-    )
+    assert (made.load_kg, made.life_s) == (100, float("inf"))
+    assert (made.brake, made.place_m) == (True, (1, -2.5))
     assert made.wheels == (Wheel(radius_m=1), Wheel(radius_m=2))
     assert (made.runs_on, made.parts["b"], made.drive) == (Wheel(radius_m=1), 2, Wheel(radius_m=3))
     written = write(made)
@@ -157,23 +154,21 @@ REFUSED = {
 
 @pytest.mark.parametrize("line", REFUSED)
 def test_a_refusal_names_line_path_value_and_what_is_allowed(line):
-    with pytest.raises(rs.InputError) as refused:
+    with refused(f"my.yaml:{REFUSED[line]}$"):
         cart(f"load_kg: 1\n{line}\nname: cart\nstd_m: 1\n")
-    pattern = ".*".join(map(re.escape, REFUSED[line].split("...")))
-    assert re.fullmatch(f"my.yaml:{pattern}", str(refused.value))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("{boxes: 2, std_m: 1}", "missing key 'name', required: name"),
-        ("{name: a, std_m: 1}", "needs one of the keys 'load_kg' and 'boxes'"),
-        ("{name: a, boxes: 2}", "missing key 'std_m', required without covariance"),
-        ("[1]", "must be a mapping (key: value), got a list of 1"),
-    ],
-)
-def test_what_is_missing_is_named(text, message):
-    with pytest.raises(rs.InputError, match=re.escape(f"my.yaml:1: {message}")):
+MISSING = {
+    "{boxes: 2, std_m: 1}": "missing key 'name', required: name",
+    "{name: a, std_m: 1}": "needs one of the keys 'load_kg' and 'boxes'",
+    "{name: a, boxes: 2}": "missing key 'std_m', required without covariance",
+    "[1]": "must be a mapping (key: value), got a list of 1",
+}
+
+
+@pytest.mark.parametrize("text", MISSING)
+def test_what_is_missing_is_named(text):
+    with refused(f"my.yaml:1: {MISSING[text]}"):
         cart(text)
 
 
@@ -199,10 +194,9 @@ def test_what_is_no_number_is_refused(text):
     value = parse(f"a: 1\nkey: {text}\n", "my.yaml")["key"]
     shown = NO_NUMBERS.get(text, f"'{text}'{HINTS[text]}" if text in HINTS else text)
     for limit in (ANY, Limit(whole=True)):
-        with pytest.raises(rs.InputError) as refused:
+        with refused(f"my.yaml:2: key: must be ..., got {shown}$") as error:
             number(limit).read(value)
-        assert re.match("my.yaml:2: key: must be (a (whole )?number|finite)", str(refused.value))
-        assert str(refused.value).endswith(f"got {shown}")
+        assert re.search("must be (a (whole )?number|finite)", str(error.value))
 
 
 @pytest.mark.parametrize(
@@ -220,7 +214,7 @@ def test_whole_numbers_may_be_written_otherwise_and_have_many_digits():
 
     assert [whole(text) for text in ("1e3", "500.0", "9" * 400)] == [1000, 500, int("9" * 400)]
     for text in ("0.5", "-1", "9" * 401):
-        with pytest.raises(rs.InputError, match="must be a whole number not less than 0"):
+        with refused("must be a whole number not less than 0"):
             whole(text)
 
 
@@ -231,9 +225,9 @@ def test_long_texts_are_refused_at_once(text):
     """Regular expressions that try all parts of a text take minutes."""
     scenario = default_text().replace("constant: 167", f"constant: {text}")
     began = time.process_time()
-    with pytest.raises(rs.InputError, match=r"radar\.constant: must be a number") as refused:
+    with refused("radar.constant: must be a number") as error:
         rs.parse_scenario(scenario)
-    assert len(str(refused.value)) < 200
+    assert len(str(error.value)) < 200
     assert time.process_time() - began < 20  # the expression before took over a minute
 
 
@@ -241,30 +235,30 @@ def test_long_texts_are_refused_at_once(text):
 def test_other_encodings_are_refused(tmp_path, encoding):
     path = tmp_path / "my.yaml"
     path.write_bytes(default_text().replace("# Others", "# Ändere ¢ +").encode(encoding, "replace"))
-    with pytest.raises(
-        rs.InputError, match=r"is not UTF-8 text|is not a text file|is not valid YAML"
-    ):
+    with pytest.raises(rs.InputError, match=r"not UTF-8 text|not a text file|not valid YAML"):
         rs.load_scenario(path)
 
 
 # Every key of a scenario.
 
+KEYS = [k for _, cls in declare.sections(sections.File) for k in keys_of(cls)]
+
+
+def read_key(k, text):
+    return k.kind.read(parse(f"a: 1\n{k.name}: {text}\n", "my.yaml")[k.name])
+
 
 def test_every_key_refuses_what_it_is_not():
     """Names are any text; all other values are refused with their place."""
-    refused = 0
-    for _, cls in declare.sections(sections.File):
-        for k in keys_of(cls):
-            for text in ("12:30", "[[1], 2]", "{No!: 1}", "!x y", "''"):
-                schema = k.kind.schema()
-                names = "pattern" in schema.get("anyOf", [schema])[0]
-                if names and text[0] not in "[{!":
-                    continue
-                place = f"^my.yaml:2: {k.name}"
-                with pytest.raises(rs.InputError, match=place):
-                    k.kind.read(parse(f"a: 1\n{k.name}: {text}\n", "my.yaml")[k.name])
-                refused += 1
-    assert refused > 1000
+    tried = 0
+    for k in KEYS:
+        schema = k.kind.schema()
+        names = "pattern" in schema.get("anyOf", [schema])[0]
+        for text in ("[[1], 2]", "{No!: 1}", "!x y", "12:30", "''")[: 3 if names else 5]:
+            with refused(f"my.yaml:2: {k.name}"):
+                read_key(k, text)
+            tried += 1
+    assert tried > 1000
 
 
 def beyond(schema):
@@ -278,18 +272,16 @@ def beyond(schema):
 
 def test_every_number_refuses_what_is_beyond_its_limit():
     """With its place, what is allowed, and what was given; the limit is that of the schema."""
-    refused = 0
-    for _, cls in declare.sections(sections.File):
-        for k in keys_of(cls):
-            schema = k.kind.schema()
-            for text in beyond(schema.get("anyOf", [schema])[0]):
-                with pytest.raises(rs.InputError) as error:
-                    k.kind.read(parse(f"a: 1\n{k.name}: {text}\n", "my.yaml")[k.name])
-                start = f"my.yaml:2: {k.name}: must be {k.kind.allowed}".partition(",")[0]
-                assert str(error.value).startswith(start)
-                assert str(error.value).endswith(f"got {text}") or "of a size" in str(error.value)
-                refused += 1
-    assert refused > 150
+    tried = 0
+    for k in KEYS:
+        schema = k.kind.schema()
+        for text in beyond(schema.get("anyOf", [schema])[0]):
+            allowed = k.kind.allowed.partition(",")[0]
+            with refused(f"my.yaml:2: {k.name}: must be {allowed}") as error:
+                read_key(k, text)
+            assert str(error.value).endswith(f"got {text}") or "of a size" in str(error.value)
+            tried += 1
+    assert tried > 150
 
 
 CONFIGS = [*sorted(ROOT.glob("configs/*.yaml")), *sorted(ROOT.glob("radar_sense/templates/*.yaml"))]

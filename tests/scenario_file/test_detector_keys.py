@@ -1,11 +1,11 @@
 """The detector of a scenario: a name, or a mapping with its pulses, CFAR and looks."""
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
-from helpers import assert_refused, cov_by_level, document, scenario, single, write, yaml_text
+from helpers import SURVEILLANCE, cov_by_level, document, scenario, single, yaml_text
+from scenario_file.refused import refused
 
 import radar_sense as rs
 from radar_sense.limits import POSITIVE, parameter
@@ -32,9 +32,7 @@ def test_a_detector_is_read_and_recorded(given, expected):
     s = scenario(radar__detector=given)
     assert single(s).detector == expected
     if isinstance(given, dict):
-        given = (
-            {"model": given["model"], "pulses": 1, **given} if len(given) > 1 else given["model"]
-        )
+        given = {"pulses": 1, **given} if len(given) > 1 else given["model"]
     assert s.resolved()["radar"]["detector"] == given
     again = parse_scenario(yaml_text(s.resolved()))
     assert single(again).detector == expected
@@ -59,22 +57,21 @@ BAD = [
 
 
 @pytest.mark.parametrize(("given", "says"), BAD)
-def test_refusals(tool, given, says):
-    name = write(yaml_text(document(radar__detector=given)))
-    code, out, err = tool("check", name)
-    assert_refused(code, out, err)
-    assert re.match(r"Error: my.yaml:\d+: ", err)
-    assert says in err
+def test_refusals(given, says):
+    with refused(f"my.yaml:...: ...{says}"):
+        parse_scenario(yaml_text(document(radar__detector=given)), "my.yaml")
 
 
-def test_pulses_of_a_surveillance_radar_are_in_its_energy(tool):
-    sheet = {"average_power_kw": 10, "aperture_m2": 15, "temperature_k": 290, "rotation_rpm": 10,
-             "search_volume_sr": 2, "loss_db": 8, "noise_figure_db": 3}  # fmt: skip
-    bad = document(radar={"position_m": [0, 0, 0], "surveillance": sheet, "p_fa": 1e-6,
-                          "detector": {"model": "marcum", "pulses": 2}})  # fmt: skip
-    code, out, err = tool("check", write(yaml_text(bad)))
-    assert_refused(code, out, err)
-    assert "takes all the energy of a scan for a single pulse" in err
+def test_pulses_of_a_surveillance_radar_are_in_its_energy():
+    detector = {"model": "marcum", "pulses": 2}
+    bad = {
+        "position_m": [0, 0, 0],
+        "surveillance": SURVEILLANCE,
+        "p_fa": 1e-6,
+        "detector": detector,
+    }
+    with refused("takes all the energy of a scan for a single pulse"):
+        scenario(radar=bad)
 
 
 def test_a_detector_from_outside_has_keys_of_its_own(monkeypatch):
@@ -105,7 +102,7 @@ def test_a_detector_from_outside_has_keys_of_its_own(monkeypatch):
     own, stronger = (rs.analyses.variance(one, method="form").table for one in few)
     for name in ("p_d", "sigma_pd", "upper_3sigma"):
         np.testing.assert_allclose(own[name], stronger[name], rtol=1e-6)
-    with pytest.raises(rs.InputError, match="factor: must be a number greater than 0"):
+    with refused("factor: must be a number greater than 0"):
         scenario(radar__detector={"model": "scaled", "factor": 0})
 
 

@@ -11,18 +11,19 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
+    SURVEILLANCE,
+    TRACKING,
     assert_same_scenario,
     cov_by_level,
     document,
     network_document,
     parsed_network,
-    place,
     radar_entry,
-    refusal,
     write,
     yaml_text,
 )
 from numpy.testing import assert_array_equal
+from scenario_file.refused import place_of_error
 
 import radar_sense as rs
 from radar_sense.covariance import block_diagonal
@@ -31,10 +32,10 @@ from radar_sense.scenario_file.load import default_text
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-def refused(tool, *radars: object, **changes: object) -> tuple[str, str, str]:
+def refused(*radars: object, **changes: object) -> tuple[str, str, str]:
     """Insist on a refusal; return the key path, the message, and the text of the named line."""
     text = yaml_text(network_document(*radars, **changes))
-    line, path, complaint = place(refusal(tool, text))
+    line, path, complaint = place_of_error(text)
     return path, complaint, text.splitlines()[line - 1].strip()
 
 
@@ -128,25 +129,17 @@ def test_covariances_stand_side_by_side():
         ({"max_range_m": 5}, "radars[2]", "did you mean 'max_range_km'?", "max_range_m: 5"),
     ],
 )  # fmt: skip
-def test_a_radar_that_is_refused(tool, changes, path, says, line):
-    where, complaint, named = refused(tool, radar_entry("a"), radar_entry("b", **changes))
+def test_a_radar_that_is_refused(changes, path, says, line):
+    where, complaint, named = refused(radar_entry("a"), radar_entry("b", **changes))
     assert where == path
     assert says in complaint
     assert named == line or not line
 
 
-def test_a_single_radar_has_no_name(tool):
-    content = yaml.safe_load(default_text())
-    content["radar"]["name"] = 5
-    _, path, complaint = place(refusal(tool, yaml_text(content)))
+def test_a_single_radar_has_no_name():
+    _, path, complaint = place_of_error(yaml_text(document(radar__name=5)))
     assert path == "radar"
     assert "unknown key 'name'" in complaint
-
-
-TRACKING = {
-    **{"peak_power_kw": 50, "gain_dbi": 35, "frequency_ghz": 9, "pulse_width_us": 20},
-    **{"temperature_k": 290, "loss_db": 5, "noise_figure_db": 3},
-}
 
 
 @pytest.mark.parametrize(
@@ -161,31 +154,33 @@ TRACKING = {
 def test_limits_of_a_single_radar_are_the_limits_of_a_network_of_one(limits, hidden):
     """The radar is 10 km north of the origin: the range is 490 km to 510 km on the orbit."""
     sweep = {"start": 0, "stop": 270, "step": 90}
-    content = document(radar__position_m=[10e3, 0, -9e3], geometry__azimuth_deg=sweep)
-    content["radar"] |= {**limits, "tracking": TRACKING}
-    del content["radar"]["constant"]
-    one = rs.parse_scenario(yaml.safe_dump(content))
-    entry = {"name": "a", **content.pop("radar"), "uncertainty": content["uncertainty"]["radar"]}
-    del content["uncertainty"]["radar"]
-    named = rs.parse_scenario(yaml.safe_dump({**content, "radars": [entry]}))
+    radar = {"position_m": [10e3, 0, -9e3], "p_fa": 1.7e-4, "tracking": TRACKING, **limits}
+    content = document(radar=radar, geometry__azimuth_deg=sweep)
+    one = rs.parse_scenario(yaml_text(content))
+    entry = {
+        "name": "a",
+        **content.pop("radar"),
+        "uncertainty": content["uncertainty"].pop("radar"),
+    }
+    named = rs.parse_scenario(yaml_text({**content, "radars": [entry]}))
     p_d = one.model.p_d(one.aircraft, one.radar)
     assert np.count_nonzero(p_d == 0) == hidden
     assert_array_equal(p_d, named.model.p_d(named.aircraft, named.radar))
-    again = rs.parse_scenario(yaml.safe_dump(one.resolved()))
+    again = rs.parse_scenario(yaml_text(one.resolved()))
     assert_same_scenario(again, one)
     assert again.resolved() == one.resolved()
     assert one.resolved()["radar"].get("horizon", False) == limits.get("horizon", False)
 
 
-def test_levels_that_differ(tool):
+def test_levels_that_differ():
     levels = radar_entry("b")["uncertainty"]
     other = {"low": levels["low"], "hihg": levels["high"]}
-    path, complaint, _ = refused(tool, radar_entry("a"), radar_entry("b", uncertainty=other))
+    path, complaint, _ = refused(radar_entry("a"), radar_entry("b", uncertainty=other))
     assert path == "radars[2].uncertainty.hihg"
     assert complaint == ("must be a level that radar 'a' has too: low, high; did you mean 'high'?")
     fewer = {"low": levels["low"]}
     path, complaint, _ = refused(
-        tool, radar_entry("a"), radar_entry("b"), radar_entry("c", uncertainty=fewer)
+        radar_entry("a"), radar_entry("b"), radar_entry("c", uncertainty=fewer)
     )
     assert path == "radars[3].uncertainty"
     assert complaint == (
@@ -193,48 +188,40 @@ def test_levels_that_differ(tool):
     )
 
 
-def test_uncertainty_of_a_single_radar_beside_radars(tool):
+def test_uncertainty_of_a_single_radar_beside_radars():
     uncertainty = yaml.safe_load(default_text())["uncertainty"]
-    path, complaint, _ = refused(tool, radar_entry("a"), uncertainty=uncertainty)
+    path, complaint, _ = refused(radar_entry("a"), uncertainty=uncertainty)
     assert path == "uncertainty.radar"
     assert complaint == "must be left out here: give 'uncertainty' of each radar in 'radars'"
-    path, complaint, _ = refused(tool, radar_entry("a"), uncertainty={"aircrft": 1})
+    path, complaint, _ = refused(radar_entry("a"), uncertainty={"aircrft": 1})
     assert path == "uncertainty"
     assert complaint.endswith("did you mean 'aircraft'?")
 
 
-def made_radar(name: str) -> dict:
-    config = yaml.safe_load((CONFIGS / "surveillance.yaml").read_text())["radar"]
+def test_parts_of_a_radar_constant_are_those_of_each_radar():
     by_parameter = {"position_m": 10, "constant": {"loss_db": 1, "noise_figure_db": 0.5}}
-    return radar_entry(
-        name,
-        constant=None,
-        surveillance=config["surveillance"],
-        uncertainty={"low": {"position_m": 10, "constant": 1}, "high": by_parameter},
-    )
-
-
-def test_parts_of_a_radar_constant_are_those_of_each_radar(tool):
-    two = parsed_network(radar_entry("a"), made_radar("b")).with_analysis(level="high")
+    levels = {"low": {"position_m": 10, "constant": 1}, "high": by_parameter}
+    made = radar_entry("b", constant=None, surveillance=SURVEILLANCE, uncertainty=levels)
+    two = parsed_network(radar_entry("a"), made).with_analysis(level="high")
     assert [[part.key for part in parts] for parts in two.tolerances] == [
         [],
-        ["loss_db", "noise_figure_db"],
+        [*by_parameter["constant"]],
     ]
     wrong = radar_entry("b", uncertainty={"low": {"position_m": 1, "constant": {"loss_db": 1}}})
-    path, complaint, _ = refused(tool, wrong)
+    path, complaint, _ = refused(wrong)
     assert path == "radars[1].uncertainty.low.constant"
     assert "in place of radar.constant" in complaint
 
 
 def test_every_radar_is_clear_of_the_aircraft_and_within_an_rcs_table(tool):
     below = radar_entry("b", position_m=[0, 500e3, -3000.5])
-    path, complaint, _ = refused(tool, radar_entry("a"), below)
+    path, complaint, _ = refused(radar_entry("a"), below)
     assert path == "geometry"
     assert complaint.startswith("the aircraft is on top of radar 'b' at azimuth 0 deg, slant range")
     rows = [f"{a},{e},0.1" for e in (-10, 10) for a in (-180, -90, 0, 90)]
     write("azimuth_deg,elevation_deg,rcs_m2\n" + "\n".join(rows) + "\n", "rcs.csv")
     aircraft = {"rcs": {"model": "table", "file": "rcs.csv"}, "attitude_deg": [0, 0, 90]}
     above = radar_entry("b", position_m=[0, 480e3, -50e3])
-    path, complaint, _ = refused(tool, radar_entry("a"), above, aircraft=aircraft)
+    path, complaint, _ = refused(radar_entry("a"), above, aircraft=aircraft)
     assert path == "geometry"
     assert complaint.startswith("at azimuth 0 deg the aircraft sees radar 'b' at elevation 66.9")

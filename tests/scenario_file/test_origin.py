@@ -1,6 +1,6 @@
 """Scenarios in latitude and longitude: the choice of the origin changes nothing.
 
-The oracle has its own WGS-84 formulas and plain loops. Its earth-fixed coordinates have no origin.
+The oracle is `earth.py`. Its earth-fixed coordinates have no origin.
 """
 
 import math
@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import yaml
 from helpers import few_draws, single, with_arrays
+from routes import STD, geodetic, load, ned
+from scenario_file.earth import DEG, height_of, sees, to_ned
 
 import radar_sense as rs
 from radar_sense.coverage.grid import Grid, p_d_in_cells
@@ -18,51 +20,6 @@ from radar_sense.model.trajectory import resample
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.plausibility import plausibility_warnings
 from radar_sense.propagation import propagate_scenario
-from radar_sense.scenario_file.route_file import load_route
-
-A, F = 6378137.0, 1 / 298.257223563
-DEG = math.pi / 180
-
-
-def ecef(latitude_deg, longitude_deg, height):
-    sin, cos = math.sin(latitude_deg * DEG), math.cos(latitude_deg * DEG)
-    n = A / math.sqrt(1 - F * (2 - F) * sin * sin)
-    lon = longitude_deg * DEG
-    across = (n + height) * cos
-    return across * math.cos(lon), across * math.sin(lon), ((1 - F) ** 2 * n + height) * sin
-
-
-def sees(radar, aircraft):
-    """Whether the slant range is within the 4/3-earth horizon, and by how much [m]."""
-    reach = math.sqrt(2 * 4 / 3 * 6371e3) * (math.sqrt(radar[2]) + math.sqrt(aircraft[2]))
-    return reach - math.dist(ecef(*radar), ecef(*aircraft))
-
-
-def to_ned(place, origin):
-    """North, east, down of a place about an origin, both in degrees and metres."""
-    lat, lon = origin[0] * DEG, origin[1] * DEG
-    x, y, z = (p - o for p, o in zip(ecef(*place), ecef(*origin), strict=True))
-    out = math.cos(lon) * x + math.sin(lon) * y
-    east = math.cos(lon) * y - math.sin(lon) * x
-    return (math.cos(lat) * z - math.sin(lat) * out, east, -math.cos(lat) * out - math.sin(lat) * z)
-
-
-def height_of(point, origin):
-    """Height above the ellipsoid of a point in the frame, by fixed-point iteration on latitude."""
-    lat, lon = origin[0] * DEG, origin[1] * DEG
-    n, e, d = point
-    out = -math.sin(lat) * n - math.cos(lat) * d
-    x0, y0, z0 = ecef(*origin)
-    x = x0 + math.cos(lon) * out - math.sin(lon) * e
-    y = y0 + math.sin(lon) * out + math.cos(lon) * e
-    z = z0 + math.cos(lat) * n - math.sin(lat) * d
-    p, e2 = math.hypot(x, y), F * (2 - F)
-    latitude = math.atan2(z, p * (1 - e2))
-    for _ in range(30):
-        across = A / math.sqrt(1 - e2 * math.sin(latitude) ** 2)
-        latitude = math.atan2(z + e2 * across * math.sin(latitude), p)
-    across = A / math.sqrt(1 - e2 * math.sin(latitude) ** 2)
-    return p * math.cos(latitude) + z * math.sin(latitude) - A * A / across
 
 
 def written(folder, radars, rows, origin, *, stds="", interpolate=None, **uncertainty):
@@ -100,17 +57,14 @@ def written(folder, radars, rows, origin, *, stds="", interpolate=None, **uncert
 
 
 AIRCRAFT = {"position_m": [900, 300, 50], "attitude_deg": [1.0, 2.0, 4.0]}
+WITH_ATTITUDE = ",roll_deg,pitch_deg,yaw_deg"
+#: A radar whose place and constant are known.
+CERTAIN = {"a": np.zeros((4, 4))}
 
 
-def test_a_radar_far_from_the_origin_sees_to_its_horizon(tmp_path):
-    """A radar at 4.5 degrees of latitude and 100 m, an aircraft at 200 m: 99.5 km."""
-    radar = (4.5, 0.0, 100.0)
-    rows = [(10.0 * i, 3.5 + 0.01 * i, 0.0, 200.0) for i in range(201)]
-    expected = [sees(radar, row[1:]) >= 0 for row in rows]
-    assert 170 < sum(expected) < 190
-    for origin in ((0, 0, 0), (4.5, 0, 100), (-3, 8, 4000)):
-        s = written(tmp_path, [radar], rows, origin, aircraft=AIRCRAFT)
-        assert s.model.visible(s.aircraft, s.radar)[:, 0].tolist() == expected
+def level_to(yaw):
+    """Return errors of an aircraft that knows level better than north."""
+    return {"position_m": 10, "attitude_deg": [0.1, 0.1, yaw]}
 
 
 def test_the_origin_changes_nothing(tmp_path):
@@ -120,50 +74,30 @@ def test_the_origin_changes_nothing(tmp_path):
     for _ in range(6):
         lat, lon = rng.uniform(-75, 75), rng.uniform(-180, 180)
         wide = 1 / math.cos(lat * DEG)
-        radars = [
-            (lat + rng.uniform(-2, 2), lon + wide * rng.uniform(-2, 2), rng.uniform(0, 3e3))
-            for _ in range(2)
-        ]
-        toward, speed = rng.uniform(0, 2 * math.pi), 2e-3
-        rows = [
-            (
-                60.0 * i,
-                lat + speed * 60 * (i - 6) * math.cos(toward),
-                lon + wide * speed * 60 * (i - 6) * math.sin(toward),
-                rng.uniform(100, 200) + 10 * i,
-            )
-            for i in range(13)
-        ]
-        moved = [(lat, lon, 0.0)] + [
-            (
-                float(np.clip(lat + rng.uniform(-18, 18), -89, 89)),
-                lon + rng.uniform(-18, 18),
-                rng.uniform(-100, 5e3),
-            )
-            for _ in range(2)
-        ]
+        here = np.array([lat, lon, 0.0])
+        radars = here + rng.uniform([-2, -2, 0], [2, 2, 3e3], (2, 3)) * [1, wide, 1]
+        toward, along = rng.uniform(0, 2 * math.pi), 0.12 * np.arange(-6, 7)
+        north, east = along * math.cos(toward), wide * along * math.sin(toward)
+        heights = rng.uniform(100, 200, 13) + 10 * np.arange(13)
+        rows = np.stack([60.0 * np.arange(13), lat + north, lon + east, heights], axis=1)
+        moved = [here, *(here + rng.uniform([-18, -18, -100], [18, 18, 5e3], (2, 3)))]
+        moved = np.clip(moved, [-89, -999, -999], [89, 999, 9e3])
         scenarios = [written(tmp_path, radars, rows, origin, aircraft=AIRCRAFT) for origin in moved]
         margin = np.array([[sees(radar, row[1:]) for radar in radars] for row in rows])
-        first, *others = [propagate_scenario(s, method="probit") for s in scenarios]
-        for s, origin, found in zip(scenarios, moved, [first, *others], strict=True):
+        bands = [propagate_scenario(s, method="probit") for s in scenarios]
+        p_d = scenarios[0].model.p_d(scenarios[0].aircraft, scenarios[0].radar)
+        for s, origin, band in zip(scenarios, moved, bands, strict=True):
             seen = s.model.visible(s.aircraft, s.radar)
             np.testing.assert_array_equal(seen, margin >= 0)
-            heights = s.model.radars[0].horizon.height(s.aircraft)
-            np.testing.assert_allclose(heights, [row[3] for row in rows], atol=1e-6)
+            found_heights = s.model.radars[0].horizon.height(s.aircraft)
+            np.testing.assert_allclose(found_heights, heights, atol=1e-6)
             np.testing.assert_allclose(s.aircraft[3, :3], to_ned(rows[3][1:], origin), atol=1e-6)
             for quantity in ("std", "lower", "upper"):
-                np.testing.assert_allclose(
-                    getattr(found, quantity), getattr(first, quantity), rtol=1e-6, atol=1e-12
-                )
-            p_d = s.model.p_d(s.aircraft, s.radar)
-            np.testing.assert_allclose(
-                p_d, scenarios[0].model.p_d(scenarios[0].aircraft, scenarios[0].radar), rtol=1e-7
-            )
+                found, expected = (getattr(one, quantity) for one in (band, bands[0]))
+                np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
+            np.testing.assert_allclose(s.model.p_d(s.aircraft, s.radar), p_d, rtol=1e-7)
         poses, hidden = poses + margin.size, hidden + np.sum(margin < 0)
     assert 0.1 < hidden / poses < 0.9
-
-
-STDS = ",".join(f"std_{name}_deg" for name in ("roll", "pitch", "yaw"))
 
 
 @pytest.mark.parametrize("by_row", [False, True])
@@ -173,24 +107,17 @@ def test_the_origin_changes_nothing_between_rows(by_row, given, interpolate, tmp
     """An aircraft that turns, and knows level better than north, as an inertial system does."""
     rows, names = [(0, 50, 10, 3000), (100, 50.1, 10, 3000), (200, 50.1, 10.2, 3200)], ""
     if given:
-        names += ",roll_deg,pitch_deg,yaw_deg"
+        names += WITH_ATTITUDE
         rows = [(*row, 0, 2, yaw) for row, yaw in zip(rows, (-70, 80, 100), strict=True)]
     uncertainty = {"aircraft": {"position_m": 10, "attitude_deg": [0.1, 0.2, 6]}}
     if by_row:
-        names += f",std_north_m,std_east_m,std_down_m,{STDS}"
+        names += "".join(f",{name}" for name in STD)
         rows = [(*row, 10, 20, 5, 0.1, 0.2, yaw) for row, yaw in zip(rows, (6, 2, 4), strict=True)]
         uncertainty = {}
     found = []
     for origin in ((50, 10, 0), (57, 4, 0), (45, 20, 900)):
-        s = written(
-            tmp_path,
-            [(51.4, 12.0, 100)],
-            rows,
-            origin,
-            stds=names,
-            interpolate=interpolate,
-            **uncertainty,
-        )
+        more = {"stds": names, "interpolate": interpolate, **uncertainty}
+        s = written(tmp_path, [(51.4, 12.0, 100)], rows, origin, **more)
         between = s.along(s.geometry.at(np.linspace(2.0, 198.0, 50)))
         found.append([propagate_scenario(x, method="linear").std for x in (s, between)])
     for other in found[1:]:
@@ -206,16 +133,9 @@ def test_the_origin_changes_no_mission(correlation, tmp_path, monkeypatch):
     rows = [(0, 50, 10, 3000, 0, 0, -70), (100, 50.1, 10, 3000, 0, 0, 80)]
     found = []
     for origin in ((50, 10, 0), (54, 17, 0)):
-        s = written(
-            tmp_path,
-            [(51.3, 11.3, 100)],
-            rows,
-            origin,
-            stds=",roll_deg,pitch_deg,yaw_deg",
-            aircraft={"position_m": 10, "attitude_deg": [0.1, 0.1, 5]},
-            aircraft_correlation_s=correlation,
-        )
-        s = with_arrays(s, cov_radar={"a": np.zeros((4, 4))})
+        more = {"aircraft": level_to(5), "aircraft_correlation_s": correlation}
+        s = written(tmp_path, [(51.3, 11.3, 100)], rows, origin, stds=WITH_ATTITUDE, **more)
+        s = with_arrays(s, cov_radar=CERTAIN)
         table = rs.analyses.mission(s).table
         between = s.along(s.geometry.at(np.linspace(0.0, 100.0, 11)))
         limit = 1.01 * np.max(s.model.p_d(between.aircraft, s.radar))
@@ -236,15 +156,9 @@ def test_an_origin_too_far_for_the_attitude_errors_is_warned_of(yaw, origin, far
     rows = [(t, 50, 10, 3000, 0, 0, 40 + 100 * t) for t in (0, 1)]
     found = []
     for latitude in (origin, 50):
-        s = written(
-            tmp_path,
-            [(50.8, 10.5, 100)],
-            rows,
-            (latitude, 10, 0),
-            stds=",roll_deg,pitch_deg,yaw_deg",
-            aircraft={"position_m": 10, "attitude_deg": [0.1, 0.1, yaw]},
-        )
-        s = with_arrays(s, cov_radar={"a": np.zeros((4, 4))})
+        more = {"stds": WITH_ATTITUDE, "aircraft": level_to(yaw)}
+        s = written(tmp_path, [(50.8, 10.5, 100)], rows, (latitude, 10, 0), **more)
+        s = with_arrays(s, cov_radar=CERTAIN)
         told = [text for text in plausibility_warnings(s) if "[origin-far]" in text]
         bounds = rs.monte_carlo(s, runs=20_000, method="linear")
         found.append((bool(told), np.stack([bounds.lower, bounds.upper])))
@@ -260,10 +174,10 @@ def test_monte_carlo_draws_have_the_same_horizon(tmp_path):
     place[0] += sees(radar, place) / 111e3
     rows = [(0.0, *place), (1.0, place[0], place[1] + 1e-3, place[2])]
     for origin in ((10, 20, 0), (1, 20, 0)):
-        s = written(
-            tmp_path, [radar], rows, origin, aircraft={"position_m": 200, "attitude_deg": 0}
+        errors = {"position_m": 200, "attitude_deg": 0}
+        s = with_arrays(
+            written(tmp_path, [radar], rows, origin, aircraft=errors), cov_radar=CERTAIN
         )
-        s = with_arrays(s, cov_radar={"a": np.zeros((4, 4))})
         found = rs.monte_carlo(s, runs=2000, seed=3)
         clear = rs.DetectionModel(rcs=single(s).rcs, p_fa=1e-6).p_d(s.aircraft[0], s.radar)
         assert 0.4 < found.mean[0] / clear < 0.6
@@ -292,9 +206,10 @@ def test_a_map_is_the_same_about_another_origin(tmp_path):
 def test_an_aspect_is_the_same_at_every_distance(tmp_path):
     """At 65 degrees north, the bearings of two places of each other differ by 11 degrees."""
     rows = [(t, 65, 10.5, 10_000, 0, 0, 20) for t in (0, 1)]
-    names, of_bearings = ",roll_deg,pitch_deg,yaw_deg", []
+    of_bearings = []
     for origin in ((65, 10, 0), (60, 3, 500)):
-        s = written(tmp_path, [(65, 10, 100)], rows, origin, stds=names, aircraft=AIRCRAFT)
+        more = {"stds": WITH_ATTITUDE, "aircraft": AIRCRAFT}
+        s = written(tmp_path, [(65, 10, 100)], rows, origin, **more)
         aspect = np.deg2rad([0.0, 7.5, 200.0])
         found = rays(s, aspect, by_aspect=True, down=None, course=None)
         states = found.states(np.tile([1e4, 6e5, 1.2e6], (3, 1)))
@@ -329,49 +244,43 @@ def test_two_waypoints_fly_over_the_earth(tmp_path, method):
         np.testing.assert_allclose(s.aircraft, other.aircraft, rtol=1e-9, atol=1e-6)
 
 
-@pytest.mark.parametrize("origin", [None, (40 * DEG, -105 * DEG, 1600.0)])
-def test_a_smooth_altitude_stays_between_its_neighbours(tmp_path, origin):
+@pytest.mark.parametrize("origin", [None, (40.0, -105.0, 1600.0)])
+def test_a_smooth_altitude_stays_between_its_neighbours(origin, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(7)
     for altitudes in (
         [1000, 9000, 9000, 9000, 2000],
         [500, 9000, 9000, 500],
         [1000, 1001, 9000, 9001, 9001],
-        *rng.uniform(100, 12e3, (20, 8)),
+        *rng.uniform(100, 12e3, (10, 8)),
     ):
-        time = np.cumsum(rng.uniform(50, 900, len(altitudes)))
+        height = np.array(altitudes, dtype=float)
+        time = np.cumsum(rng.uniform(50, 900, len(height)))
+        place = np.stack([1e-3 * time, 0.2 * np.sin(time / 900), height], axis=1)
         if origin is None:
-            names, unit = "north_m,east_m,down_m", 111e3
-            rows = [(unit * 1e-3 * t, 2e4 * math.sin(t / 900), -h)
-                    for t, h in zip(time, altitudes, strict=True)]  # fmt: skip
+            route = load(ned(time, place * [111e3, 1e5, -1]))
         else:
-            names = "latitude_deg,longitude_deg,altitude_m"
-            rows = [(40 + 1e-3 * t, -105 + 0.2 * math.sin(t / 900), h)
-                    for t, h in zip(time, altitudes, strict=True)]  # fmt: skip
-        lines = [f"{t!r}," + ",".join(repr(float(x)) for x in row)
-                 for t, row in zip(time.tolist(), rows, strict=True)]  # fmt: skip
-        (tmp_path / "way.csv").write_text("\n".join([f"time_s,{names}", *lines]))
-        path = load_route(tmp_path / "way.csv", origin=origin)
-        found = resample(path, 7.0, "smooth")
-        degrees = None if origin is None else (40.0, -105.0, 1600.0)
+            place += [40, -105, 0]
+            route = load(
+                geodetic(time, place * [DEG, DEG, 1]), origin=(40 * DEG, -105 * DEG, 1600.0)
+            )
+        found = resample(route, 7.0, "smooth")
         for t, point in zip(found.time_s, found.aircraft[:, :3], strict=True):
-            height = -point[2] if degrees is None else height_of(point, degrees)
             leg = min(int(np.searchsorted(time, t, side="right")) - 1, len(time) - 2)
             low, high = sorted(altitudes[leg : leg + 2])
-            assert low - 1e-5 <= height <= high + 1e-5
+            assert low - 1e-5 <= (height_of(point, origin) if origin else -point[2]) <= high + 1e-5
 
 
-def test_a_smooth_altitude_follows_a_wave_that_the_samples_show(tmp_path):
+def test_a_smooth_altitude_follows_a_wave_that_the_samples_show(tmp_path, monkeypatch):
     """A phugoid of 100 m and 60 s, every 3 s: its tops are higher than the samples."""
-    time = np.arange(1.0, 241.0, 3.0)
-    heights = 5000 + 100 * np.sin(2 * np.pi * time / 60)
-    lines = [f"{t},{0.002 * t},0,{h!r}" for t, h in zip(time, heights.tolist(), strict=True)]
-    (tmp_path / "way.csv").write_text(
-        "\n".join(["time_s,latitude_deg,longitude_deg,altitude_m", *lines])
-    )
-    origin = (0.0, 0.0, 0.0)
-    path = load_route(tmp_path / "way.csv", origin=origin)
-    found = resample(path, 0.5, "smooth")
-    inner = slice(60, -60)
-    exact = 5000 + 100 * np.sin(2 * np.pi * found.time_s / 60)
+
+    def wave(time):
+        return 5000 + 100 * np.sin(2 * np.pi * time / 60)
+
+    monkeypatch.chdir(tmp_path)
+    time, origin = np.arange(1.0, 241.0, 3.0), (0.0, 0.0, 0.0)
+    place = np.stack([0.002 * DEG * time, 0 * time, wave(time)], axis=1)
+    found = resample(load(geodetic(time, place), origin=origin), 0.5, "smooth")
     heights = np.array([height_of(p, origin) for p in found.aircraft[:, :3]])
-    np.testing.assert_allclose(heights[inner], exact[inner], atol=0.05)
+    inner = slice(60, -60)
+    np.testing.assert_allclose(heights[inner], wave(found.time_s)[inner], atol=0.05)

@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import mpmath
 import numpy as np
 import pytest
+import routes
 import yaml
 from helpers import PAPER, cov_by_level, document, stds_of, with_arrays, without_pixels, write_path
+from routes import HEAD, triangle
+from scenario_file.earth import to_ned
+from scenario_file.refused import refused
 
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance, states
 from radar_sense.accuracy import only_at, required_accuracies
 from radar_sense.analyses.rcs import rcs
-from radar_sense.errors import InputError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
@@ -27,18 +29,17 @@ from radar_sense.words import describe_poses, peak
 pytestmark = pytest.mark.usefixtures("quick")
 
 ROOT = Path(__file__).parents[2]
-STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
-HEADER = "time_s,north_m,east_m,down_m"
+STD = ",".join(routes.STD)
 TABLE = {"model": "table", "file": str(ROOT / "configs/synthetic_aircraft.csv"), "mirror": True}
 #: Three legs past the radar, with a climb and two turns.
-ROUTE = f"""{HEADER}
+ROUTE = f"""{HEAD}
 0,400e3,-200e3,-8000
 500,400e3,-100e3,-8000
 1000,350e3,0,-9000
 1500,350e3,100e3,-9000
 """
 #: The same with standard deviations that differ from pose to pose.
-UNCERTAIN = f"""{HEADER},{STD}
+UNCERTAIN = f"""{HEAD},{STD}
 0,400e3,-200e3,-8000,10,20,30,1,2,3
 500,400e3,-100e3,-8000,100,20,30,1,0,3
 1000,350e3,0,-9000,1000,20,30,1,2,0.1
@@ -52,21 +53,12 @@ def load(folder, text=ROUTE, **changes):
 
 def correlated_route():
     """Four poses with a full covariance each."""
-    rng = np.random.default_rng(5)
-    names = ("north", "east", "down", "roll", "pitch", "yaw")
-    units = ("m",) * 3 + ("deg",) * 3
-    upper = [(i, j) for i in range(6) for j in range(i, 6)]
-
-    def unit(i, j):
-        return f"{units[i]}2" if units[i] == units[j] else f"{units[i]}_{units[j]}"
-
-    header = ",".join(f"cov_{names[i]}_{names[j]}_{unit(i, j)}" for i, j in upper)
-    lines = [f"{HEADER},{header}"]
-    for row in ROUTE.splitlines()[1:]:
-        root = rng.standard_normal((6, 6)) * np.array([[30.0, 20, 10, 0.5, 0.3, 1.0]]).T
-        matrix = root @ root.T
-        lines.append(row + "," + ",".join(repr(float(matrix[i, j])) for i, j in upper))
-    return "\n".join(lines) + "\n"
+    mix = np.random.default_rng(5).standard_normal((4, 6, 6))
+    mix *= np.array([[30.0, 20, 10, 0.5, 0.3, 1.0]]).T
+    columns = triangle(mix @ np.swapaxes(mix, -1, -2))
+    rows = [",".join(map(repr, row)) for row in np.stack([*columns.values()], axis=1).tolist()]
+    lines = zip(ROUTE.splitlines(), [",".join(columns), *rows], strict=True)
+    return "\n".join(",".join(line) for line in lines) + "\n"
 
 
 # The paper's orbit, as a path.
@@ -74,7 +66,7 @@ def correlated_route():
 
 def orbit_route(aircraft, theta, std=None):
     extra = ("," + STD, "," + std) if std else ("", "")
-    lines = [f"{HEADER},roll_deg,pitch_deg,yaw_deg{extra[0]}"]
+    lines = [f"{HEAD},roll_deg,pitch_deg,yaw_deg{extra[0]}"]
     for t, (north, east, down) in zip(theta.tolist(), aircraft[:, :3].tolist(), strict=True):
         lines.append(f"{t!r},{north!r},{east!r},{down!r},0,0,90{extra[1]}")
     return "\n".join(lines)
@@ -165,7 +157,7 @@ def test_sobol_indices_take_the_covariance_of_each_pose(tmp_path):
     for source, std in stds_of(expected.sources).items():
         assert found.sources[source].std == pytest.approx(std, rel=0.05, abs=0.002)
     assert found.sources["aircraft_position"].std[3] == 0
-    with pytest.raises(InputError, match=r"aircraft position .* correlated"):
+    with refused("aircraft position ... correlated"):
         error_budget(load(tmp_path, correlated_route()), "montecarlo")
 
 
@@ -218,37 +210,10 @@ ORIGIN = {"latitude_deg": 47, "longitude_deg": 8.5, "altitude_m": 400}
 ALPS = {"latitude_deg": 46.547, "longitude_deg": 7.985, "altitude_m": 3571}
 
 
-def exact_ned(place, origin):
-    """North, east, down by 50 digits; angles in degrees."""
-    with mpmath.workdps(50):
-
-        def ecef(latitude, longitude, height):
-            a, f = mpmath.mpf(6378137), 1 / mpmath.mpf("298.257223563")
-            sin, cos = mpmath.sin(latitude), mpmath.cos(latitude)
-            n = a / mpmath.sqrt(1 - f * (2 - f) * sin**2)
-            across = (n + height) * cos
-            return mpmath.matrix([across * mpmath.cos(longitude), across * mpmath.sin(longitude),
-                                  ((1 - f) ** 2 * n + height) * sin])  # fmt: skip
-
-        (at, lon, h), (lat0, lon0, h0) = (
-            [mpmath.radians(v) for v in list(p.values())[:2]] + [p["altitude_m"]]
-            for p in (place, origin)
-        )
-        line = ecef(at, lon, h) - ecef(lat0, lon0, h0)
-        s, c, sl, cl = mpmath.sin(lat0), mpmath.cos(lat0), mpmath.sin(lon0), mpmath.cos(lon0)
-        turn = mpmath.matrix([[-s * cl, -s * sl, c], [-sl, cl, 0], [-c * cl, -c * sl, -s]])
-        return [float(v) for v in turn * line]
-
-
-def local_axes(place, origin):
-    """North, east and down at a place in the frame of an origin, by differences of positions."""
-    steps = ({"latitude_deg": 1e-6}, {"longitude_deg": 1e-6}, {"altitude_m": -1})
-    here = np.array(exact_ned(place, origin))
-    lines = (
-        np.array(exact_ned({k: v + step.get(k, 0) for k, v in place.items()}, origin)) - here
-        for step in steps
-    )
-    return [line / np.linalg.norm(line) for line in lines]
+def from_origin(**moved):
+    """North, east and down of a place in the Alps, which may be moved."""
+    place = (value + moved.get(key, 0) for key, value in ALPS.items())
+    return np.array(to_ned(tuple(place), tuple(ORIGIN.values())))
 
 
 @pytest.mark.parametrize("several", [False, True])
@@ -268,16 +233,18 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
         file.write_text(yaml.safe_dump(document, sort_keys=False))
     s = rs.load_scenario(file)
     state = s.radar[-4:]
-    assert state[:3] == pytest.approx(exact_ned(ALPS, ORIGIN), rel=1e-12, abs=1e-7)
+    assert state[:3] == pytest.approx(from_origin(), rel=1e-12, abs=1e-7)
     assert -45e3 < state[1] < -35e3
     if several:
         assert s.radar[:3].tolist() == [9, 8, 7]
         # metres of the frame where the place is in the frame, else metres north, east, down there
         assert np.diag(cov_by_level(s)["medium"])[:3].tolist() == [100, 400, 900]
-        north, east, down = local_axes(ALPS, ORIGIN)
+        steps = {"latitude_deg": 1e-4, "longitude_deg": 1e-4, "altitude_m": -10}
+        axes = [from_origin(**{k: v}) - from_origin(**{k: -v}) for k, v in steps.items()]
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
         of_alps = cov_by_level(s)["medium"][4:7, 4:7]
-        expected = [100 * np.outer(north, north), 400 * np.outer(east, east)]
-        np.testing.assert_allclose(of_alps, sum(expected) + 900 * np.outer(down, down), atol=1e-5)
+        expected = axes.T @ np.diag([100, 400, 900]) @ axes
+        np.testing.assert_allclose(of_alps, expected, atol=1e-5)
         assert abs(of_alps - np.diag([100, 400, 900])).max() > 1
         horizon = s.model.radars[1].horizon
         assert horizon.height(state) == pytest.approx(3571, abs=1e-6)
@@ -299,7 +266,7 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
          "radar.position_geodetic: needs a path whose route is"),
         (GEODETIC, {"radar__position_m": [0, 0, 0]}, "stands beside 'position_geodetic'"),
         (GEODETIC, {"radar__position_geodetic": [46, 8, 3]}, "position_geodetic: must be a map"),
-        (GEODETIC, {"radar__position_geodetic__latitude_deg": 91}, "latitude_deg: must be .* 90"),
+        (GEODETIC, {"radar__position_geodetic__latitude_deg": 91}, "latitude_deg: must be ... 90"),
         (GEODETIC, {"radar__position_geodetic": {"latitude_deg": 47, "longitude_deg": 9,
                                                  "altitude_m": 10e3}}, "on top of the radar"),
     ],
@@ -307,7 +274,7 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
 def test_places_that_are_refused(tmp_path, text, changes, says):
     radar = {"position_geodetic": ALPS, "constant": 50, "p_fa": 1e-6}
     file = write_path(tmp_path, text, **{"radar": radar, "geometry__origin": ORIGIN, **changes})
-    with pytest.raises(InputError, match=says):
+    with refused(says):
         rs.load_scenario(file)
 
 
@@ -328,9 +295,6 @@ def test_a_resolved_path_reads_back_from_anywhere(tmp_path):
     for name in ("aircraft", "cov_aircraft", "time_s"):
         assert (getattr(again, name) == getattr(s, name)).all()
         assert not getattr(again, name).flags.writeable
-    (tmp_path / "route.csv").write_text(UNCERTAIN + " ")
-    with pytest.raises(InputError, match=r"geometry\.sha256: .*route\.csv is another file"):
-        rs.parse_scenario(yaml.safe_dump(resolved))
 
 
 def test_the_file_is_recorded_as_seen_from_here(tmp_path, monkeypatch):
@@ -360,44 +324,43 @@ REFUSED = [
      "uncertainty.aircraft: must be left"),
     (ROUTE, {"uncertainty": {"radar": {"medium": {"position_m": 1, "constant": 1}}}},
      "uncertainty: missing key 'aircraft'"),
-    (ROUTE, {"geometry__file": "rout.csv"}, "geometry.file: .*rout.csv: cannot be read: No such"),
-    (ROUTE, {"geometry__file": "."}, "geometry.file: .* is a directory, not a route file"),
+    (ROUTE, {"geometry__file": "rout.csv"}, "geometry.file: ...rout.csv: cannot be read: No such"),
+    (ROUTE, {"geometry__file": "."}, "geometry.file: ... is a directory, not a route file"),
     (ROUTE, {"geometry__interpolate": {"step_s": 1e-5}}, "interpolate: step_s makes more than"),
     (ROUTE, {"geometry__max_gap_s": 400}, "route.csv:3: time_s: must be within 400 s"),
     (ROUTE, {"geometry__origin": {"latitude_deg": 9, "longitude_deg": 0, "altitude_m": 0}},
      "route.csv:1: north, east and down have an origin already"),
-    (ROUTE, {"geometry__sha256": "0" * 64}, "geometry.sha256: .* is another file than it was"),
+    (ROUTE, {"geometry__sha256": "0" * 64}, "geometry.sha256: ... is another file than it was"),
     (ROUTE.replace("500,400e3", "0,400e3"), {}, "route.csv:3: time_s: must be later than 0.0"),
     (ROUTE.replace("350e3", "nan"), {}, "route.csv:4: north_m: must be finite, got nan"),
-    (f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n", {},
+    (f"{HEAD}\n0,0,-9e3,0\n60,0,0,0\n", {},
      "geometry: the aircraft is on top of the radar at time 60 s"),
-    (f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n", {"geometry__axis": "distance"},
+    (f"{HEAD}\n0,0,-9e3,0\n60,0,0,0\n", {"geometry__axis": "distance"},
      "geometry: the aircraft is on top of the radar at distance 9000 m"),
-    (f"{HEADER}\n0,9e3,0,0\n60,9e3,0,0\n", {}, "route.csv: the aircraft never moves"),
+    (f"{HEAD}\n0,9e3,0,0\n60,9e3,0,0\n", {}, "route.csv: the aircraft never moves"),
     # 0.09 m/s there and back: a parabola has 0.18 m/s at its ends, straight legs do not
-    (f"{HEADER}\n0,9000,0,0\n10,9000.9,0,0\n20,9000,0,0\n",
+    (f"{HEAD}\n0,9000,0,0\n10,9000.9,0,0\n20,9000,0,0\n",
      {"geometry__interpolate": {"step_s": 5}},
      "geometry.interpolate: route: the aircraft never moves horizontally at 0.1 m/s or more"),
     (ROUTE, {"aircraft__rcs": TABLE, "radar__position_m": [400e3, -150e3, 0],
              "geometry__interpolate": {"step_s": 250}},
-     r"at time 250 s the aircraft sees the radar at elevation -90 deg, the RCS table"),
+     "at time 250 s the aircraft sees the radar at elevation -90 deg, the RCS table"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "changes", "says"), REFUSED)
 def test_bad_paths_are_refused_in_one_line(tmp_path, text, changes, says):
     file = write_path(tmp_path, text, **changes)
-    with pytest.raises(InputError, match=says.replace("?", r"\?")) as refused:
+    with refused(says) as error:
         rs.load_scenario(file)
-    assert "\n" not in str(refused.value)
-    assert "scenario.yaml:" in str(refused.value) or "route.csv" in str(refused.value)
+    assert "scenario.yaml:" in str(error.value) or "route.csv" in str(error.value)
 
 
 def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
     for block, key in (("aircraft", "attitude_deg"), ("uncertainty", "aircraft")):
         content = document()
         del content[block][key]
-        with pytest.raises(InputError, match=f"{block}: missing key '{key}'"):
+        with refused(f"{block}: missing key '{key}'"):
             rs.parse_scenario(yaml.safe_dump(content))
 
 
@@ -445,7 +408,6 @@ def test_places_are_written_with_the_digits_they_need():
 
 LABELS = [
     ("time", 30 * 3600, "Time [s]", 1),  # as in the sentences and in the tables
-    ("time", 239, "Time [s]", 1),
     ("distance", 4000, "Distance flown [km]", 1000),
 ]
 
@@ -505,7 +467,7 @@ def test_many_poses_go_through_in_parts(tmp_path):
     time = np.arange(count)
     std = [10.0 + time % (7 + i) for i in range(6)]
     rows = np.column_stack([time, 4e5 - 10 * time, 50e3 + time, 0 * time - 9e3, *std])
-    text = f"{HEADER},{STD}\n" + "\n".join(",".join(map(repr, r)) for r in rows.tolist())
+    text = f"{HEAD},{STD}\n" + "\n".join(",".join(map(repr, r)) for r in rows.tolist())
     s = load(tmp_path, text)
     found = propagate_scenario(s, method="linear")
     model: DetectionModel = s.model

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from helpers import document, dump_yaml, read_table
 from numpy.testing import assert_allclose
+from routes import GEO, HEAD
+from scenario_file.refused import refused
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.errors import InputError
 from radar_sense.scenario_file.load import parse_scenario
 
 BOLTZMANN = 1.380649e-23
@@ -92,32 +93,27 @@ def test_the_horizon_on_the_line():
     assert np.all((table["p_d"] > 0) == seen)
 
 
-@pytest.mark.parametrize(
-    ("geometry", "message"),
-    [
-        ({"range_km": {"start": 5, "stop": 1, "step": 1}}, "range_km.step: must be a step other"),
-        (
-            {"range_km": {"start": -5, "stop": 1, "step": 1}},
-            "start: must be a number not less than",
-        ),
-        ({"range_km": {"start": 0, "stop": 9e9, "step": 1}}, "values, allowed are"),
-        ({"range_km": 5}, "geometry.range_km: must be a mapping"),
-        ({"azimuth_deg": {"start": 0, "stop": 1, "step": 1}}, "azimuth_deg: must be a number"),
-        ({"file": "x.csv"}, "unknown key 'file'"),
-        ({"down_km": 0, "range_km": {"start": 0, "stop": 1, "step": 1}}, "on top of the radar"),
-    ],
-)
+WRONG = [
+    ({"range_km": {"start": 5, "stop": 1, "step": 1}}, "range_km.step: must be a step other"),
+    ({"range_km": {"start": -5, "stop": 1, "step": 1}}, "start: must be a number not less than"),
+    ({"range_km": {"start": 0, "stop": 9e9, "step": 1}}, "values, allowed are"),
+    ({"range_km": 5}, "geometry.range_km: must be a mapping"),
+    ({"azimuth_deg": {"start": 0, "stop": 1, "step": 1}}, "azimuth_deg: must be a number"),
+    ({"file": "x.csv"}, "unknown key 'file'"),
+    ({"down_km": 0, "range_km": {"start": 0, "stop": 1, "step": 1}}, "on top of the radar"),
+]
+
+
+@pytest.mark.parametrize(("geometry", "message"), WRONG)
 def test_a_wrong_line_is_refused_in_one_line(geometry, message):
-    with pytest.raises(InputError) as error:
+    with refused(message):
         radial(**geometry)
-    assert message in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_what_needs_times_or_an_attitude_says_so():
-    with pytest.raises(InputError, match="a mission needs times, which only a path has"):
+    with refused("a mission needs times, which only a path has"):
         analyses.mission(radial())
-    with pytest.raises(InputError, match="missing key 'attitude_deg', required on a radial"):
+    with refused("missing key 'attitude_deg', required on a radial"):
         radial({"aircraft": {"rcs": {"model": "constant", "rcs_m2": 0.1}}})
 
 
@@ -134,30 +130,25 @@ def test_the_figure_has_p_d_and_snr(tool):
 
 
 def test_a_route_is_shifted_as_a_whole(tmp_path):
-    (tmp_path / "ned.csv").write_text(
-        "time_s,north_m,east_m,down_m\n0,0,9e4,-3000\n60,9e3,9e4,-4000\n"
-    )
-    (tmp_path / "geo.csv").write_text(
-        "time_s,latitude_deg,longitude_deg,altitude_m\n0,45,11,3000\n60,45.1,11,4000\n"
-    )
+    for name, text in {
+        "ned.csv": f"{HEAD}\n0,0,9e4,-3000\n60,9e3,9e4,-4000\n",
+        "geo.csv": f"{GEO}\n0,45,11,3000\n60,45.1,11,4000\n",
+        "high.csv": f"{GEO}\n0,45,11,3500\n60,45.1,11,4500\n",
+    }.items():
+        (tmp_path / name).write_text(text)
     place = {"latitude_deg": 45, "longitude_deg": 10, "altitude_m": 0}
 
     def path(name, **keys):
         geometry = {"type": "path", "file": str(tmp_path / name), **keys}
-        changes = {"geometry": geometry, "aircraft.attitude_deg": ""}
-        return rs.load_scenario(changes=changes)
+        return rs.load_scenario(changes={"geometry": geometry, "aircraft.attitude_deg": ""})
 
     lifted, before = path("ned.csv", down_km=-0.5), path("ned.csv")
-    assert_allclose(lifted.aircraft[:, 2], before.aircraft[:, 2] - 500, rtol=1e-12)
-    assert_allclose(lifted.aircraft[:, :2], before.aircraft[:, :2], rtol=1e-12)
-    (tmp_path / "high.csv").write_text(
-        "time_s,latitude_deg,longitude_deg,altitude_m\n0,45,11,3500\n60,45.1,11,4500\n"
-    )
+    assert_allclose(lifted.aircraft[:, :3], before.aircraft[:, :3] - [0, 0, 500], rtol=1e-12)
     lifted, high = path("geo.csv", origin=place, altitude_m=500), path("high.csv", origin=place)
     assert_allclose(lifted.aircraft, high.aircraft, rtol=1e-9, atol=1e-9)
     for name, keys, message in (
         ("ned.csv", {"altitude_m": 5}, "altitude_m shifts latitude and longitude; here down_km"),
         ("geo.csv", {"down_km": 5, "origin": place}, "down_km shifts north, east, down; here alt"),
     ):
-        with pytest.raises(InputError, match=message):
+        with refused(message):
             path(name, **keys)
