@@ -6,6 +6,7 @@ In each case a bound, a probability or a verdict of version 0.1 is wrong. Only t
 cases use are read.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -130,7 +131,7 @@ def cross_section(block):
 
 def at_row(problem, row):
     """Return the oracle of a problem with another aircraft state (6,)."""
-    return Oracle(Problem(**{**vars(problem), "aircraft": row}))
+    return Oracle(replace(problem, aircraft=row))
 
 
 def anywhere(at, rows, problem, threshold, correlation_s, runs, seed=1):
@@ -178,7 +179,7 @@ POSES = (
 def main():
     for name, threshold, coordinate in POSES:
         at, rows, problem = read(name)
-        row = rows[0] if len(at) == 1 else interpolated(at, rows, coordinate)
+        row = rows[0] if len(at) == 1 else along(at, rows, np.array([coordinate]))[0]
         oracle = at_row(problem, row)
         p_d = drawn(oracle, np.random.Generator(np.random.SFC64(9)), 2_000_000)
         share = np.mean(p_d > threshold)
@@ -225,32 +226,20 @@ def main():
 def grown(problem, factor):
     """Return a problem with all deviations multiplied by a factor."""
     radars = tuple(
-        Radar(
-            **{
-                **vars(radar),
-                "attenuation_std": factor * radar.attenuation_std,
-                "tolerances": tuple(
-                    (key, value, factor * std, power, decibels)
-                    for key, value, std, power, decibels in radar.tolerances
-                ),
-            }
+        replace(
+            radar,
+            attenuation_std=factor * radar.attenuation_std,
+            tolerances=tuple((*t[:2], factor * t[2], *t[3:]) for t in radar.tolerances),
         )
         for radar in problem.radars
     )
-    return Problem(
-        **{
-            **vars(problem),
-            "radars": radars,
-            "cov_aircraft": factor**2 * problem.cov_aircraft,
-            "cov_radar": factor**2 * problem.cov_radar,
-            "rcs_db": factor * problem.rcs_db,
-        }
+    return replace(
+        problem,
+        radars=radars,
+        cov_aircraft=factor**2 * problem.cov_aircraft,
+        cov_radar=factor**2 * problem.cov_radar,
+        rcs_db=factor * problem.rcs_db,
     )
-
-
-def interpolated(at, rows, coordinate):
-    """Return the state (6,) of a row, or between two rows."""
-    return along(at, rows, np.array([coordinate]))[0]
 
 
 if __name__ == "__main__":

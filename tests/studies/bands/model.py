@@ -1,10 +1,11 @@
 """P_D of a network at given states, written a second time in plain NumPy without `radar_sense`.
 
 The geometry, the radar equation, the limits and the horizon are a few lines each. The detectors
-are closed forms of SciPy; the test compares them with the fifty digits of `tests/oracle.py`. An
-RCS is a tuple: ("constant", σ), ("ellipsoid", a, b, c), ("ellipsoid_exact", x, y, z),
-("spikeball", n, A, σ_min), or ("table", azimuth, rcs, elevation, std_db) in radians, m² and dB
-with None for what a table does not have. States are in SI units and radians, components first.
+are closed forms of SciPy. A test compares all of it with the package, and other tests compare the
+package with the fifty digits of `tests/oracle.py`. An RCS is a tuple: ("constant", σ),
+("ellipsoid", a, b, c), ("ellipsoid_exact", x, y, z), ("spikeball", n, A, σ_min), or
+("table", azimuth, rcs, elevation, std_db) in radians, m² and dB with None for what a table does not
+have. States are in SI units and radians, components first.
 """
 
 from dataclasses import dataclass
@@ -85,10 +86,8 @@ def cross_section(rcs):
         a, b, c = p
 
         def ellipsoid(x, y, z):
-            hh = x * x + y * y
-            sin2, cos2 = y * y / hh, x * x / hh
-            up = z * z / (hh + z * z)
-            d = a * a * sin2 * (1 - up) + b * b * sin2 * up + c * c * cos2
+            hh, zz = x * x + y * y, z * z
+            d = (a * a * hh + b * b * zz) * y * y / (hh * (hh + zz)) + c * c * x * x / hh
             return np.pi * (a * b * c) ** 2 / d**2
 
         return ellipsoid

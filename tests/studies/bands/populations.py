@@ -6,6 +6,8 @@
 - lobes: lobes of 0.3 to 5 degrees that the errors of attitude and position sweep over.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from .model import BOLTZMANN, EFFECTIVE_RADIUS, Oracle, Problem, Radar, body_vector, detector
@@ -329,7 +331,7 @@ def with_snr(radar, aircraft, rcs, snr):
     ratio = Oracle(alone).snr(0, aircraft[:, None], radar.state[:, None])[0]
     constant = radar.state[3] * snr / ratio
     assert BOLTZMANN < constant < 1e12, constant
-    return Radar(**{**vars(radar), "state": np.array([*radar.state[:3], constant])})
+    return replace(radar, state=np.array([*radar.state[:3], constant]))
 
 
 def snr_for(radar, p_d):

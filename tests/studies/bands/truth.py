@@ -1,14 +1,11 @@
 """The truth of problems of one pose, by plain draws.
 
-    PYTHONPATH=tests/studies python -m bands.truth --poses 2000 --seed 2026 --out truth.npz
-
 Draws come in batches until both bounds have a standard error below 0.001, or up to the most. The
 standard error of a quantile is half the distance of two order statistics, one deviation of the
 binomial count below and above it. The interval of four deviations stands beside it, because it also
 holds where the distribution has a jump.
 """
 
-import argparse
 import time
 from dataclasses import dataclass, fields
 
@@ -20,10 +17,6 @@ from .populations import POPULATIONS, problem, problems
 
 BATCH, CHUNK, MOST = 200_000, 20_000, 1_200_000
 ENOUGH = 0.001
-#: Quantiles that are stored, as numbers of standard deviations of a normal distribution.
-GRID = np.linspace(-4, 4, 81)
-#: Values of P_D whose exceedance is stored.
-LEVELS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99])
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +28,6 @@ class Truth:
         mean, mean_se, std, std_se: Moments and their standard errors.
         lower, lower_se, upper, upper_se: Quantiles at Φ(−k) and Φ(k) and their standard errors.
         lower_between, upper_between: Intervals (2,) of four standard errors of the quantiles.
-        quantiles: Quantiles at Φ(`GRID`).
-        above: P(P_D > `LEVELS`).
         beside: P(P_D > p) at p 0.02 below and above the upper bound (2,).
         draws: Number of draws.
     """
@@ -52,14 +43,8 @@ class Truth:
     upper: float
     upper_se: float
     upper_between: np.ndarray
-    quantiles: np.ndarray
-    above: np.ndarray
     beside: np.ndarray
     draws: int
-
-    def above_se(self):
-        """Return the standard errors of `above`; that of no draw at all is one draw's."""
-        return probability_se(self.above, self.draws)
 
     def beside_se(self):
         """Return the standard errors of `beside`."""
@@ -67,7 +52,7 @@ class Truth:
 
 
 def probability_se(p, draws):
-    """Return the standard error of a share of draws."""
+    """Return the standard error of a share of draws; that of no draw at all is one draw's."""
     return np.sqrt(np.clip(p * (1 - p), 1 / draws, None) / draws)
 
 
@@ -104,8 +89,6 @@ def truth(case, seed, *, most=MOST, enough=ENOUGH):
     centred = p_d - p_d.mean()
     std = p_d.std()
     fourth = np.mean(centred**4)
-    ranks = np.clip(np.rint(n * ndtr(GRID) - 0.5), 0, n - 1).astype(int)
-    p_d.sort()
     return Truth(
         nominal=oracle.nominal(),
         mean=p_d.mean(),
@@ -118,26 +101,18 @@ def truth(case, seed, *, most=MOST, enough=ENOUGH):
         upper=upper[0],
         upper_se=upper[1],
         upper_between=upper[2],
-        quantiles=p_d[ranks],
-        above=1 - np.searchsorted(p_d, LEVELS, side="right") / n,
-        beside=1 - np.searchsorted(p_d, upper[0] + [-0.02, 0.02], side="right") / n,
+        beside=np.mean(p_d > upper[0] + np.array([[-0.02], [0.02]]), axis=1),
         draws=n,
     )
 
 
 def save(path, seed, rows):
     """Write the truths of problems to a file, one array for each field."""
-    columns = {f.name: np.array([getattr(t, f.name) for _, t in rows]) for f in fields(Truth)}
-    np.savez_compressed(
-        path,
-        seed=seed,
-        population=np.array([case.population for case, _ in rows]),
-        number=np.array([case.number for case, _ in rows]),
-        k=np.array([case.k for case, _ in rows]),
-        grid=GRID,
-        levels=LEVELS,
-        **columns,
-    )
+    columns = {f.name: [getattr(truth, f.name) for _, truth in rows] for f in fields(Truth)}
+    columns |= {
+        name: [getattr(case, name) for case, _ in rows] for name in ("population", "number")
+    }
+    np.savez_compressed(path, seed=seed, **columns)
 
 
 def load(path):
@@ -146,38 +121,23 @@ def load(path):
     Raises:
         ValueError: If the file was made of other problems.
     """
-    data = np.load(path)
-    arrays = {f.name: data[f.name] for f in fields(Truth)}
-    seed = int(data["seed"])
-    rows = []
-    for row, number in enumerate(data["number"]):
-        case = problem(str(data["population"][row]), seed, int(number))
-        rows.append((case, Truth(**{name: array[row] for name, array in arrays.items()})))
+    data, rows = dict(np.load(path)), []
+    for row, (population, number) in enumerate(
+        zip(data["population"], data["number"], strict=True)
+    ):
+        case = problem(str(population), int(data["seed"]), int(number))
+        rows.append((case, Truth(**{f.name: data[f.name][row] for f in fields(Truth)})))
         if abs(Oracle(case).nominal() - rows[-1][1].nominal) > 1e-9:
-            raise ValueError(f"{path} is of another version of {case.population} {number}: make it")
+            raise ValueError(f"{path} is of another version of {population} {number}: make it")
     return rows
 
 
-def make(path, poses, seed, most=MOST):
+def make(path, poses, seed):
     """Compute the truth of this many poses of all populations together, and write it to a file."""
     rows, start = [], time.process_time()
     for case in problems(poses // len(POPULATIONS), seed):
-        rows.append((case, truth(case, seed, most=most)))
+        rows.append((case, truth(case, seed)))
         if len(rows) % 100 == 0:
             save(path, seed, rows)
             print(f"{len(rows)} poses, {time.process_time() - start:.0f} s of CPU", flush=True)
     save(path, seed, rows)
-
-
-def main():
-    parser = argparse.ArgumentParser(description="Truth of random problems by plain draws.")
-    parser.add_argument("--poses", type=int, default=2000, help="of all populations together")
-    parser.add_argument("--seed", type=int, default=2026)
-    parser.add_argument("--draws", type=float, default=MOST, help="most draws of a pose")
-    parser.add_argument("--out", required=True)
-    options = parser.parse_args()
-    make(options.out, options.poses, options.seed, int(options.draws))
-
-
-if __name__ == "__main__":
-    main()
