@@ -65,8 +65,7 @@ class Draws:
 
     def __init__(self, scenario, detector, normal):
         self.scenario, self.detector = scenario, detector
-        rcs = as_tuple(scenario["rcs"])
-        self.cross_section, self.spread = model.cross_section(rcs), model.spread(rcs)
+        self.plain = model.Oracle(problem(scenario, detector="north"))  # which is not asked
         spread = model.root(np.array(scenario["cov_aircraft"]))
         self.of_aircraft = np.tensordot(spread, normal[:6], axes=1)
         factor = np.linalg.cholesky(np.array(scenario["cov_radar"]))
@@ -79,22 +78,9 @@ class Draws:
 
     def gain(self, aircraft, radar, error):
         """Return S/c_r, and whether the aircraft is in sight."""
-        scenario, line = self.scenario, radar - aircraft[:3]
-        distance = np.sqrt(np.sum(line * line, axis=0))
-        body = model.body_vector(line, aircraft[3:])
-        sigma = self.cross_section(*body)
-        decibels = error if self.spread is None else error * self.spread(*body)
-        decibels = decibels - 2 * scenario["attenuation_db_per_m"] * distance
-        gain = sigma * 10 ** (decibels / 10) / (model.BOLTZMANN * distance**4)
-        seen = np.ones(np.shape(gain), dtype=bool)
-        if scenario["max_range_m"]:
-            seen &= distance <= scenario["max_range_m"]
-        if scenario["min_range_m"]:
-            seen &= distance >= scenario["min_range_m"]
-        if scenario["horizon"]:
-            roots = np.sqrt(np.maximum(-radar[2], 0)) + np.sqrt(np.maximum(-aircraft[2], 0))
-            seen &= distance <= np.sqrt(2 * model.EFFECTIVE_RADIUS) * roots
-        return gain, seen
+        radar = np.concatenate([radar, np.ones_like(radar[:1])])
+        gain = self.plain.snr(0, aircraft, radar, error)
+        return gain, self.plain.visible(0, aircraft, radar)
 
     def nominal(self, aircraft):
         """Return P_D without errors."""
@@ -163,6 +149,31 @@ class Draws:
 def value_and_error(values):
     """Return mean and standard error of independent values."""
     return values.mean(), values.std(ddof=1) / np.sqrt(len(values))
+
+
+def problem(block, aircraft=None, detector=None):
+    """Return a scenario, and an aircraft state, as `studies.bands.model` has them."""
+    radar = block["radar"]
+    return model.Problem(
+        population="general",
+        number=block.get("scenario", 0),
+        aircraft=aircraft,
+        radars=(
+            model.Radar(
+                state=np.array([*radar["position_m"], radar["constant"]]),
+                detector=detector or block["detector"]["model"],
+                p_fa=block["p_fa"],
+                max_range=block["max_range_m"] or np.inf,
+                min_range=block["min_range_m"] or 0.0,
+                horizon=block["horizon"],
+                attenuation=block["attenuation_db_per_m"],
+            ),
+        ),
+        rcs=as_tuple(block["rcs"]),
+        cov_aircraft=np.array(block["cov_aircraft"]),
+        cov_radar=np.array(block["cov_radar"]),
+        rcs_db=0.0 if "std_db" in block["rcs"] else block["rcs_error_std"],
+    )
 
 
 def as_tuple(rcs):

@@ -6,14 +6,11 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from studies.bands import package
 
-import radar_sense as rs
-from radar_sense.flight import States
 from radar_sense.model.detectors import CFARS, DETECTORS, BinaryIntegration
-from radar_sense.model.horizon import Horizon
-from radar_sense.model.radar import Level, Radar
-from radar_sense.model.rcs import RCS_MODELS
-from radar_sense.model.rcs_table import TableRCS
+
+from . import draws
 
 HERE = Path(__file__).parent
 #: Runs of the method `montecarlo`: 500 runs, the default, have no 3σ bound.
@@ -51,41 +48,9 @@ def paper(level):
 
 def as_scenario(block, columns, poses=slice(None)):
     """Return a scenario of the package with some of the poses."""
-    rcs = rcs_model(block["rcs"])
-    radar = Radar(
-        model=rs.DetectionModel(
-            rcs=rcs,
-            p_fa=block["p_fa"],
-            detector=detector(block["detector"]),
-            attenuation=block["attenuation_db_per_m"],
-        ),
-        name="radar",
-        state=np.array([*block["radar"]["position_m"], block["radar"]["constant"]]),
-        levels={"a": Level(np.array(block["cov_radar"]))},
-        max_range=block["max_range_m"] or np.inf,
-        min_range=block["min_range_m"] or 0.0,
-        horizon=Horizon() if block["horizon"] else None,
-    )
-    has_spread = "std_db" in block["rcs"]
-    return rs.Scenario(
-        name=f"reference_{block['scenario']}",
-        radars=(radar,),
-        geometry=States.of(
-            np.stack([columns[name] for name in STATE], axis=-1)[poses],
-            np.array(block["cov_aircraft"]),
-        ),
-        rcs_db=0.0 if has_spread else block["rcs_error_std"],
-        runs=RUNS,
-    )
-
-
-def rcs_model(block):
-    """Return the RCS model of the package. The parameters have the order of its fields."""
-    name, *parameters = block.values()
-    if name != "table":
-        return RCS_MODELS[name](*parameters)
-    elevation, std = block["elevation_rad"], block.get("std_db")
-    return TableRCS(block["azimuth_rad"], block["rcs_m2"], elevation, std_db=std)
+    states = np.stack([columns[name] for name in STATE], axis=-1)[poses]
+    made = draws.problem(block, states, detector=detector(block["detector"]))
+    return package.scenario(made).with_analysis(runs=RUNS)
 
 
 def detector(block):

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from reference import draws, reading
 from reference.judging import judge
 from scipy.special import ndtr
-from studies.bands import model, truth
+from studies.bands import truth
 
 from radar_sense.propagation import METHODS, propagate_scenario
 
@@ -106,27 +106,7 @@ def test_the_set_is_not_at_odds_with_itself():
 def test_plain_draws_have_the_numbers_of_the_set(number):
     """Without Sobol' points, and with c_r drawn; the detectors that have closed forms."""
     block, c = SET[number]
-    radar = block["radar"]
-    case = model.Problem(
-        population="general",
-        number=number,
-        aircraft=np.array([c[name][1] for name in reading.STATE]),
-        radars=(
-            model.Radar(
-                state=np.array([*radar["position_m"], radar["constant"]]),
-                detector=block["detector"]["model"],
-                p_fa=block["p_fa"],
-                max_range=block["max_range_m"] or np.inf,
-                min_range=block["min_range_m"] or 0.0,
-                horizon=block["horizon"],
-                attenuation=block["attenuation_db_per_m"],
-            ),
-        ),
-        rcs=draws.as_tuple(block["rcs"]),
-        cov_aircraft=np.array(block["cov_aircraft"]),
-        cov_radar=np.array(block["cov_radar"]),
-        rcs_db=0.0 if "std_db" in block["rcs"] else block["rcs_error_std"],
-    )
+    case = draws.problem(block, np.array([c[name][1] for name in reading.STATE]))
     assert set(block["detector"]) == {"model"}
     drawn = truth.truth(case, 5, most=100_000)
     for name in ("mean", "std"):

@@ -50,12 +50,18 @@ def verdict(scenario, threshold, k, **options):
 
 
 def scenario(problem, aircraft=None, time_s=None):
-    """Return the scenario of a problem, at its one pose or along a path."""
+    """Return the scenario of a problem, at its poses or along a path.
+
+    A detector may be one of the package, which the independent model does not know.
+    """
     rcs = model_of(problem.rcs)
     radars = tuple(
         Radar(
             model=rs.DetectionModel(
-                rcs=rcs, p_fa=r.p_fa, detector=DETECTORS[r.detector], attenuation=r.attenuation
+                rcs=rcs,
+                p_fa=r.p_fa,
+                detector=DETECTORS.get(r.detector, r.detector),
+                attenuation=r.attenuation,
             ),
             name=f"r{i}",
             state=r.state,
