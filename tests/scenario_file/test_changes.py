@@ -80,10 +80,9 @@ def test_no_text_takes_a_key_away():
     ("changes", "message"),
     [
         ({"radar.constant": -1}, "radar.constant=-1: radar.constant: must be a number "),
-        ({"radar.constnt": 3}, "radar.constnt=3: radar: unknown key 'constnt', allowed: "),
-        ({"radar.constnt": 3}, "tilt_deg, band, type; did you mean 'constant'?"),
-        ({"rader.p_fa": 1}, "rader.p_fa=1: unknown key 'rader', allowed: "),
-        ({"rader.p_fa": 1}, "did you mean 'radar'?"),
+        ({"radar.constnt": 3}, "radar.constnt=3: radar: unknown key 'constnt', allowed: ..., "
+         "tilt_deg, band, type; did you mean 'constant'?"),
+        ({"rader.p_fa": 1}, "rader.p_fa=1: unknown key 'rader', allowed: ...mean 'radar'?"),
         ({"aircraft.rcs.modl": "constant"}, "did you mean 'model'?"),
         ({"radar.p_fa": "[1"}, "radar.p_fa=[1: is not valid YAML"),
         ({"radar.p_fa.x": 1}, "radar.p_fa.x=1: '1.7e-4' has no key 'x'"),
@@ -91,16 +90,13 @@ def test_no_text_takes_a_key_away():
         ({"radar.position_m[0]": 1}, "the list has no entry [0], it has [1], [2], [3]"),
         ({"radars": [{"name": [1]}], "radars[2].p_fa": 1}, "the list has no entry [2], it has [1]"),
         ({"radar.horizon": ""}, "radar.horizon=: there is no radar.horizon to take away"),
-        ({"": 1}, "write a key before the ="),
-        ({".radar.p_fa": 1e-6}, "write a key before the ="),
-        ({"radar.": 3}, "write a key before the ="),
-        ({"radar..p_fa": 1e-6}, "write a key before the ="),
-        ({"radar.position_m[3": 1}, "write a key before the ="),
+        *(({key: 1}, "write a key before the =")
+          for key in ("", ".radar.p_fa", "radar.", "radar..p_fa", "radar.position_m[3")),
         ({"radar.constant": True}, "radar.constant: must be a number greater than 0, got 'true'"),
         ({"radar.tracking": {}}, "radar.tracking={}: radar.tracking: "),
         ({"analysis.level": "hi"}, "must be one of low, medium, high, got 'hi'"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_change_is_refused_in_one_line(changes, message):
     with refused(message):
         rs.load_scenario(changes=changes)

@@ -1,7 +1,6 @@
 """Radars by their data sheets: allowed and refused keys of a scenario."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +10,10 @@ from helpers import (
     TRACKING,
     assert_same_scenario,
     document,
+    read_table,
     sheet_document,
     sheet_scenario,
+    write,
     yaml_text,
 )
 from scenario_file.refused import refused
@@ -27,7 +28,7 @@ from radar_sense.scenario_file.load import load_scenario, parse_scenario
 @pytest.mark.parametrize("kind", TOLERANCES)
 @pytest.mark.parametrize("level", ["sheet", "number"])
 def test_resolved_scenario_reads_back(tool, kind, level):
-    Path("my.yaml").write_text(yaml_text(sheet_document(kind, level=level)))
+    write(yaml_text(sheet_document(kind, level=level)))
     code, out, err = tool("check", "my.yaml")
     assert code == 0
     # 0.1 as a number is above c_r of the tracking radar
@@ -58,7 +59,7 @@ def test_the_noise_temperature_may_be_left_out_and_is_in_the_record(kind):
 
 
 def test_check_shows_the_distribution(tool):
-    Path("my.yaml").write_text(yaml_text(sheet_document()))
+    write(yaml_text(sheet_document()))
     _, out, _ = tool("check", "my.yaml")
     s = load_scenario("my.yaml")
     exact, c = shape(s.tolerances[0]), s.radar[3]
@@ -131,10 +132,9 @@ def test_refusals(case):
 
 
 def test_wide_tolerance_of_a_factor_is_allowed():
-    s = sheet_scenario("tracking", tolerances={"pulse_width_us": 0.8, "wavelength_m": 0.01}, radar={
-        **{key: value for key, value in TRACKING.items() if key != "frequency_ghz"},
-        "wavelength_m": 0.03,
-    })  # fmt: skip
+    sheet = {**TRACKING, "wavelength_m": 0.03}
+    del sheet["frequency_ghz"]
+    s = sheet_scenario("tracking", sheet, {"pulse_width_us": 0.8, "wavelength_m": 0.01})
     mc = monte_carlo(s, runs=500)
     assert np.isfinite(mc.mean).all()
     # Φ(−1) of the pulse widths and Φ(−3) of the wavelengths are below zero
@@ -173,17 +173,14 @@ def test_losses_by_name(kind):
 
 
 def test_losses_by_name_are_rows_of_the_budget(tool):
-    Path("my.yaml").write_text(
-        yaml_text(sheet_document("tracking", {**TRACKING, "losses_db": NAMED}, SPREAD))
-    )
-    args = ("budget", "my.yaml", "--method", "linear", "--no-plot", "--out", "out")
-    code, out, _ = tool(*args)
+    sheet = {**TRACKING, "losses_db": NAMED}
+    name = write(yaml_text(sheet_document("tracking", sheet, SPREAD)))
+    code, out, _ = tool("budget", name, "--method", "linear", "--no-plot", "--out", "out")
     assert code == 0
     assert re.search(r"^ +beam_shape_db +0\.\d+ +6\d\.\d%$", out, re.M)  # 0.4^2 of 0.5^2
-    table = np.genfromtxt("out/paper_budget.csv", delimiter=",", names=True)
-    beam, noise = (
-        table[f"three_sigma_radar_constant_{name}_db"] for name in ("beam_shape", "noise_figure")
-    )
+    table = read_table("out/paper_budget.csv")
+    start = "three_sigma_radar_constant"
+    beam, noise = table[f"{start}_beam_shape_db"], table[f"{start}_noise_figure_db"]
     np.testing.assert_allclose(beam / noise, 4 / 3, rtol=1e-9)
 
 

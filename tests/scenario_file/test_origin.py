@@ -7,8 +7,7 @@ import math
 
 import numpy as np
 import pytest
-import yaml
-from helpers import few_draws, single, with_arrays
+from helpers import dump_yaml, few_draws, single, with_arrays
 from routes import STD, geodetic, load, ned
 from scenario_file.earth import DEG, height_of, sees, to_ned
 
@@ -28,31 +27,21 @@ def written(folder, radars, rows, origin, *, stds="", interpolate=None, **uncert
     lines = [header, *(",".join(repr(float(x)) for x in row) for row in rows)]
     (folder / "route.csv").write_text("\n".join(lines))
     keys = ("latitude_deg", "longitude_deg", "altitude_m")
+    radar = {"constant": 1.0, "p_fa": 1e-6, "horizon": True, "scan_period_s": 20}
+    radar["uncertainty"] = {"a": {"position_m": [3000, 900, 30], "constant": 0.1}}
+    place, *places = (dict(zip(keys, map(float, at), strict=True)) for at in (origin, *radars))
+    geometry = {"type": "path", "file": "route.csv", "origin": place}
     content = {
         "name": "moved",
         "radars": [
-            {
-                "name": f"r{i}",
-                "position_geodetic": dict(zip(keys, map(float, place), strict=True)),
-                "constant": 1.0,
-                "p_fa": 1e-6,
-                "horizon": True,
-                "scan_period_s": 20,
-                "uncertainty": {"a": {"position_m": [3000, 900, 30], "constant": 0.1}},
-            }
-            for i, place in enumerate(radars)
+            {"name": f"r{i}", "position_geodetic": at, **radar} for i, at in enumerate(places)
         ],
         "aircraft": {"rcs": {"model": "ellipsoid_exact", "x_m": 0.3, "y_m": 0.25, "z_m": 0.1}},
-        "geometry": {
-            "type": "path",
-            "file": "route.csv",
-            "origin": dict(zip(keys, map(float, origin), strict=True)),
-            **({"interpolate": interpolate} if interpolate else {}),
-        },
+        "geometry": geometry | ({"interpolate": interpolate} if interpolate else {}),
         "uncertainty": uncertainty,
         "analysis": {"level": "a", "runs": 50, "seed": 1},
     }
-    (folder / "moved.yaml").write_text(yaml.safe_dump(content))
+    (folder / "moved.yaml").write_text(dump_yaml(content))
     return rs.load_scenario(folder / "moved.yaml")
 
 

@@ -104,24 +104,18 @@ G = ["azimuth_deg,elevation_deg,rcs_m2"]
 BOX = [f"{a},{e},1" for a in range(-180, 180, 30) for e in (-10, 0, 10)]
 A = ["azimuth_deg,rcs_m2"]
 
-#: Rows of a file, the line in the error, and words of the error.
+#: Rows of a file, the line in the error, and words of the error. `test_table_file` has errors that
+#: files of all kinds have.
 REFUSED = {
     "empty": ([], None, "is empty; the first line must name the columns: azimuth_deg,"),
     "only a header": (A, None, "has no rows below the names of its columns"),
-    "only comments": (["# a", "# b"], None, "is empty"),
-    "unknown column": (["azimut_deg,rcs_m2"], 1, "unknown column 'azimut_deg', allowed: azimuth"),
     "no unit": (["azimuth_deg,rcs", *full()], 1, "unknown column 'rcs'"),
     "tabs": (["azimuth_deg\trcs_m2", "0\t1"], 1, "unknown column 'azimuth_deg\\trcs_m2'"),
-    "no header": (full(), 1, "names none of the columns, allowed: azimuth_deg"),
     "twice": (["azimuth_deg,azimuth_deg,rcs_m2"], 1, "duplicate column 'azimuth_deg'"),
     "no azimuth": (["elevation_deg,rcs_m2"], 1, "missing column 'azimuth_deg'"),
     "no value": (["azimuth_deg,elevation_deg"], 1, "one of the columns rcs_m2 and rcs_dbsm"),
     "two values": (["azimuth_deg,rcs_m2,rcs_dbsm"], 1, "and not both"),
-    "too few cells": ([*A, "-180"], 2, "must have 2 values, one for each column, got 1"),
-    "too many cells": ([*A, "-180,1,2"], 2, "got 3"),
-    "nothing": ([*A, "-180,"], 2, "and not greater than 1e+20, got nothing"),
     "zero": ([*A, "-180,1", "-150,0"], 3, "not less than 1e-20 and not greater than 1e+20, got 0"),
-    "negative": ([*A, "-180,-1"], 2, "got -1"),
     "decibels": (["azimuth_deg,rcs_dbsm", "0,201"], 2, "and not greater than 200, got 201"),
     "azimuth": ([*A, "-181,1"], 2, "azimuth_deg: must be a number not less than -180"),
     "elevation": ([*G, "0,91,1"], 2, "and not greater than 90, got 91"),
@@ -155,7 +149,6 @@ REFUSED = {
         29,
         "straight above the aircraft azimuth has no meaning",
     ),
-    "open quote": ([*A, '"0,1'], 2, "is not valid CSV"),
 }  # fmt: skip
 
 

@@ -120,16 +120,9 @@ def draw(results, count):
         edges = np.arange(BINS + 1) / BINS
         for panel, population in zip(panels.ravel(), POPULATIONS, strict=True):
             mean, error = histogram(results["automatic", population])
-            panel.bar(
-                edges[:-1],
-                mean,
-                1 / BINS,
-                align="edge",
-                yerr=2 * error,
-                alpha=0.6,
-                error_kw={"elinewidth": 0.8},
-                label="automatic, and ±2 standard errors",
-            )
+            label, thin = "automatic, and ±2 standard errors", {"elinewidth": 0.8}
+            style = {"align": "edge", "alpha": 0.6, "error_kw": thin, "label": label}
+            panel.bar(edges[:-1], mean, 1 / BINS, yerr=2 * error, **style)
             mean, _ = histogram(results["linear", population])
             panel.stairs(mean, edges, color="C1", label="linear")
             panel.axhline(1.0, color="0.3", lw=0.8)
