@@ -52,8 +52,8 @@ from radar_sense.uncertain_states import UncertainStates
 #: Share of the widened candidates, of the draws in the tails, and of the combinations with an
 #: emphasis on all radars.
 SHARE = 0.5
-#: Standard deviation of the widened unit normals. `tests/studies/mission_bounds.py constants`
-#: prints the standard errors with other values of this and the next numbers.
+#: Standard deviation of the widened unit normals. This and the next numbers are those with small
+#: standard errors in `tests/studies/mission_bounds.py`.
 WIDTH = 1.6
 #: Candidates for each draw, and looks of the nominal path that their P_D is computed at.
 CANDIDATES, SCREENING_LOOKS = 8, 8
