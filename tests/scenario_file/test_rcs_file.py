@@ -166,10 +166,14 @@ def test_a_whole_table_is_not_mirrored(here):
         rs.load_rcs_table("a.csv", mirror=True)
 
 
-def test_not_a_file():
+def test_not_a_file(here):
+    (here / "table.csv").touch()
     for name, words in (
         ("none.csv", "none.csv: cannot be read: No such file"),
-        ("tabel.csv", "tabel.csv: cannot be read: No such file or directory; did you mean"),
+        (
+            "tabel.csv",
+            "tabel.csv: cannot be read: No such file or directory; did you mean 'table.csv'?$",
+        ),
         (".", ".: is a directory, not an RCS table"),
         ("a\0b", r"a\x00b: cannot be read: embedded null byte"),
     ):
