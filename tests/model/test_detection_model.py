@@ -46,11 +46,7 @@ def paper_aircraft(azimuth_deg):
 
 
 def random_poses(rng, count):
-    """Aircraft (count, 6) and radars (count, 4), the latter without their constant.
-
-    Any attitude, the radar within 1000 km of the origin on each axis, and the aircraft in any
-    direction from it at 100 m to 2000 km.
-    """
+    """Aircraft (count, 6) 100 m to 2000 km from radars (count, 4) that have no constant yet."""
     direction = rng.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     distance = np.exp(rng.uniform(np.log(100.0), np.log(2e6), (count, 1)))
@@ -117,9 +113,6 @@ def relative_error(actual, exact):
         return float(abs(mpf(float(actual)) / exact - 1))
 
 
-# Values: P_D, signal-to-noise ratio and RCS agree with fifty digits to 1e-12.
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_values_agree_with_fifty_digits(kind):
     rng = np.random.default_rng(1)
@@ -127,31 +120,25 @@ def test_values_agree_with_fifty_digits(kind):
         rcs, known_as = random_rcs(rng, kind)
         p_fa = 10.0 ** rng.uniform(-12, -2)
         aircraft, radar = random_poses(rng, 10)
-        snr = 10.0 ** rng.uniform(-3, 2, len(radar))
-        radar[:, 3] = constant_for(snr, aircraft, radar, known_as)
+        wanted = 10.0 ** rng.uniform(-3, 2, len(radar))
+        radar[:, 3] = constant_for(wanted, aircraft, radar, known_as)
         model = DetectionModel(rcs, p_fa)
         body = body_vector(aircraft, radar)
-        found = zip(
-            slant_range(aircraft, radar),
+        found = np.stack([
             rcs.cross_section(body),
             rcs.linearize(body)[0],
             model.snr(aircraft, radar),
             model.p_d(aircraft, radar),
             model.linearize(aircraft, radar).p_d,
-            strict=True,
-        )
-        for a, r, (distance, sigma, sigma_too, ratio, p_d, p_d_too) in zip(
-            aircraft, radar, found, strict=True
-        ):
-            exact_sigma = oracle.cross_section(known_as, oracle.body_vector(a, r))
-            exact_ratio = oracle.snr(a, r, known_as)
-            exact_p_d = oracle.north(exact_ratio, p_fa)
+        ])  # fmt: skip
+        distances = slant_range(aircraft, radar)
+        for a, r, distance, values in zip(aircraft, radar, distances, found.T, strict=True):
+            seen = oracle.body_vector(a, r)
+            sigma, snr = oracle.cross_section(known_as, seen), oracle.snr(a, r, known_as)
+            p_d = oracle.north(snr, p_fa)
             assert relative_error(distance, oracle.slant_range(a, r)) < 1e-15
-            assert relative_error(sigma, exact_sigma) < 1e-12
-            assert relative_error(sigma_too, exact_sigma) < 1e-12
-            assert relative_error(ratio, exact_ratio) < 1e-12
-            assert relative_error(p_d, exact_p_d) < 1e-12
-            assert relative_error(p_d_too, exact_p_d) < 1e-12
+            for value, exact in zip(values, (sigma, sigma, snr, p_d, p_d), strict=True):
+                assert relative_error(value, exact) < 1e-12
 
 
 @pytest.mark.parametrize("rcs", [EllipsoidRCS(0.15, 0.13, 0.21), SpikeballRCS(5, 0.18, 0.1)])
@@ -167,9 +154,6 @@ def test_rcs_depends_on_direction_alone(rcs):
     # Perpendicular to the body vector, up to the rounding of the three products and their sum.
     along = np.sum(gradient * body, axis=1)
     assert_array_equal(np.abs(along) <= 1e-14 * np.sum(np.abs(gradient * body), axis=1), True)
-
-
-# Partials: all ten agree with difference quotients of eighty digits, to 1e-12 of their block.
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -191,16 +175,8 @@ def test_partials_agree_with_eighty_digits(kind):
             assert error.max() < 1e-12, name
 
 
-# Small P_fa: the error stays within the conditioning of North's formula, down to 1e-200.
-
-
 def north_argument(snr, p_fa):
-    """The exact argument of erfc, and the most that rounding can have moved it.
-
-    With u the rounding unit: √(−ln P_fa) is off by 2u (a logarithm good to one unit in the last
-    place is off by 2u, the root halves that and rounds once), √(S + ½) by less (u, halved, and
-    another rounding), and their difference rounds once more.
-    """
+    """The exact argument of erfc, and the most that rounding can have moved it: 2u of each root."""
     with mp.workdps(oracle.DIGITS):
         level, root = mp.sqrt(-mp.log(mpf(p_fa))), mp.sqrt(mpf(snr) + mpf("0.5"))
         miss = level - root
@@ -214,17 +190,13 @@ def condition_of_erfc(z):
 
 
 def own_error(z):
-    """Relative error of exp(−z²) or erfc(z) themselves, however exact their argument.
-
-    Both round z² before they exponentiate it, which costs z² u in the tail; the rest is a few
-    rounded operations and a polynomial.
-    """
+    """Relative error of exp(−z²) or erfc(z) themselves, which round z² before they use it."""
     return (max(float(z), 0.0) ** 2 + 8) * ROUNDING
 
 
 def test_small_p_fa_costs_no_more_than_the_conditioning():
     rng = np.random.default_rng(4)
-    for _ in range(400):
+    for _ in range(200):
         p_fa, snr = 10.0 ** rng.uniform(-200, -2), 10.0 ** rng.uniform(-3, 3)
         miss, moved = north_argument(snr, p_fa)
         bound = condition_of_erfc(miss) * moved + own_error(miss)
@@ -240,17 +212,11 @@ def test_small_p_fa_costs_no_more_than_the_conditioning():
             assert relative_error(slope, exact) < bound
 
 
-# The rotation is the standard ZYX one, north-east-down to body.
-
-
 def test_body_vector_agrees_with_fifty_digits():
     aircraft, radar = random_poses(np.random.default_rng(9), 500)
     for a, r, found in zip(aircraft, radar, body_vector(aircraft, radar), strict=True):
         exact = np.array(oracle.body_vector(a, r), dtype=float)
         assert_allclose(found, exact, rtol=0, atol=1e-15 * np.linalg.norm(exact))
-
-
-# The gradient by direction cosines is the paper's gradient by λ and φ.
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -266,9 +232,6 @@ def test_gradient_agrees_with_the_papers_chain_rule(kind):
             # λ is ill-conditioned near the vertical, where u (R/h)² of the chain rule shows.
             assert error.max() < 1e-10, name
             assert np.median(error) < 1e-14, name
-
-
-# Pinned numbers.
 
 
 def test_moving_both_changes_nothing():
@@ -337,22 +300,15 @@ def test_memory_layout_and_type_of_the_input_do_not_matter():
     expected = partials(model.linearize(aircraft, radar))
     wide = np.zeros((100, 12))
     wide[::2, ::2] = aircraft
-    by_columns = np.asfortranarray(aircraft)
     backwards = aircraft[::-1].copy()[::-1]
-    for same in (wide[::2, ::2], by_columns, backwards, aircraft.tolist()):
+    for same in (wide[::2, ::2], np.asfortranarray(aircraft), backwards, aircraft.tolist()):
         assert_array_equal(partials(model.linearize(same, radar)), expected)
-
-
-def test_whole_numbers_are_states_too():
-    aircraft, radar = [300_000, 400_000, -3_000, 1, 0, 2], [10, -20, 0, 167]
-    expected = PAPER.linearize(np.array(aircraft, dtype=float), np.array(radar, dtype=float))
-    for as_integers in ((aircraft, radar), (np.array(aircraft), np.array(radar))):
-        lin = PAPER.linearize(*as_integers)
+    whole = [300_000, 400_000, -3_000, 1, 0, 2], [10, -20, 0, 167]
+    expected = PAPER.linearize(*(np.array(state, dtype=float) for state in whole))
+    for same in (whole, [np.array(state) for state in whole]):
+        lin = PAPER.linearize(*same)
         assert lin.p_d == expected.p_d
         assert_array_equal(partials(lin), partials(expected))
-
-
-# Refused arguments.
 
 
 @pytest.mark.parametrize(
@@ -366,6 +322,7 @@ def test_whole_numbers_are_states_too():
         (np.zeros((2, 6)), np.ones((3, 4)), "broadcast"),
         (np.zeros(6), [1, 1, 1, -1e-300], "negative"),
         (np.zeros(6), [[1, 1, 1, 1], [1, 1, 1, -1]], "negative"),
+        (np.ones((2, 6)), [[0, 0, 0, np.nan], [0, 0, 0, -5.0]], "got nan for constant at pose 0"),
     ],
 )
 def test_states_that_do_not_fit_are_refused(aircraft, radar, says):
@@ -378,11 +335,7 @@ def test_states_that_do_not_fit_are_refused(aircraft, radar, says):
 
 
 def test_gum_h2_resistance_and_reactance():
-    """JCGM 100, H.2: three correlated inputs, three results, from the observations of table H.2.
-
-    The rounded input uncertainties and correlations in print give u(R) = 0.070. The observations
-    give every printed digit but one: u(X) is 0.2956, printed as 0.295.
-    """
+    """JCGM 100, H.2, from the observations of table H.2; u(X) is 0.2956, printed as 0.295."""
     volts = [5.007, 4.994, 5.005, 4.990, 4.999]
     amperes = [19.663e-3, 19.639e-3, 19.640e-3, 19.685e-3, 19.678e-3]
     phases = [1.0456, 1.0438, 1.0468, 1.0428, 1.0433]
@@ -406,9 +359,8 @@ def test_gum_h2_resistance_and_reactance():
         ]
     )
     uncertainty = np.sqrt(variance_along(jacobian, covariance))
-    assert uncertainty[0] == pytest.approx(0.071, abs=0.0005)
+    assert uncertainty[[0, 2]] == pytest.approx([0.071, 0.236], abs=0.0005)
     assert uncertainty[1] == pytest.approx(0.2956, abs=0.00005)
-    assert uncertainty[2] == pytest.approx(0.236, abs=0.0005)
     # Correlations of the results, printed too: var(R + X) = var R + var X + 2 cov(R, X).
     for i, j, published in ((0, 1, -0.588), (0, 2, -0.485), (1, 2, 0.993)):
         both = variance_along(jacobian[i] + jacobian[j], covariance)
@@ -447,31 +399,11 @@ def test_std_agrees_with_fifty_digits(rank):
         assert error <= 58 * ROUNDING * (size + more_size)
 
 
-def test_std_of_a_covariance_for_every_pose():
-    rng = np.random.default_rng(18)
-    model, _, aircraft, radar = random_case(rng, "ellipsoid", 12)
-    lin = model.linearize(aircraft.reshape(3, 4, 6), radar.reshape(3, 4, 4))
-    cov_aircraft = np.array([[random_covariance(rng, 6, 6)] * 4 for _ in range(3)])
-    cov_radar = np.array([random_covariance(rng, 4, 4) for _ in range(4)])
-    std = lin.std(cov_aircraft, cov_radar)
-    assert std.shape == (3, 4)
-    for i in np.ndindex(3, 4):
-        alone = Linearization(lin.p_d[i], lin.jac_aircraft[i], lin.jac_radar[i])
-        expected = alone.std(cov_aircraft[i], cov_radar[i[1]])
-        assert std[i] == pytest.approx(expected, rel=1e-13)
-    # One covariance for all poses, or one pose for all covariances.
-    shared = lin.std(cov_aircraft[0, 0], cov_radar[0])
-    assert shared.shape == (3, 4)
-    assert shared[0, 0] == pytest.approx(std[0, 0], rel=1e-13)
-    one = Linearization(lin.p_d[0, 0], lin.jac_aircraft[0, 0], lin.jac_radar[0, 0])
-    assert one.std(cov_aircraft, cov_radar).shape == (3, 4)
-
-
 def test_singular_covariance_is_never_nan():
     """The variance along a direction without uncertainty rounds to below 0 in half of all cases."""
     rng = np.random.default_rng(19)
     raw, guarded = [], []
-    for _ in range(500):
+    for _ in range(100):
         direction, jacobian = rng.normal(size=(2, 6))
         jacobian -= direction * (jacobian @ direction) / (direction @ direction)
         covariance = np.outer(direction, direction)
@@ -486,10 +418,7 @@ def test_singular_covariance_is_never_nan():
     assert np.all(guarded[:, 0] < 1e-13)
 
 
-# Edge cases.
-
-
-@pytest.mark.parametrize("lobes", [1, 2, 3, 4, 7])
+@pytest.mark.parametrize("lobes", [1, 2, 4, 7])
 def test_spikeball_has_the_slope_of_one_side_at_the_bottom_of_a_lobe(lobes):
     """A central difference gives zero there, and a deviation of zero would be wrong."""
     amplitude, floor = 0.18, 0.1
@@ -508,12 +437,10 @@ def test_spikeball_has_the_slope_of_one_side_at_the_bottom_of_a_lobe(lobes):
         # The second derivative makes a one-sided difference wrong by about its step, 1e-7.
         assert (ahead - lin.p_d) / 1e-7 == pytest.approx(one_sided, rel=1e-5)
         assert (behind - lin.p_d) / 1e-7 == pytest.approx(one_sided, rel=1e-5)
-
-
-def test_spikeball_slope_at_the_nose_is_that_towards_larger_azimuth():
-    sigma, gradient = SpikeballRCS(4, 0.18, 0.1).linearize(np.array([2.0, 0.0, 1.0]))
-    assert sigma == 0.1
-    assert_allclose(gradient, [0, 0.18 * 4 / 2 / 2.0, 0], rtol=1e-15)
+    # At the nose it is the slope towards larger azimuth.
+    sigma, gradient = SpikeballRCS(lobes, amplitude, floor).linearize(np.array([2.0, 0.0, 1.0]))
+    assert sigma == floor
+    assert_allclose(gradient, [0, amplitude * lobes / 2 / 2.0, 0], rtol=1e-15)
 
 
 @pytest.mark.parametrize("height", [-3e3, 3e3])
@@ -537,16 +464,10 @@ def test_straight_above_and_below_the_value_exists_and_the_gradient_does_not(rcs
     assert model.p_d(aircraft, radar) == pytest.approx(lin.p_d, rel=1e-13)
     assert np.all(np.isnan(lin.jac_aircraft))
     assert np.all(np.isnan(lin.jac_radar[:3]))
-    assert lin.jac_radar[3] == pytest.approx(constant.linearize(aircraft, radar).jac_radar[3])
-
-
-def test_straight_below_a_constant_rcs_has_a_gradient():
-    lin = DetectionModel(ConstantRCS(0.2), p_fa=1e-4).linearize(
-        [0, 0, -3e3, 0, 0, 0], [0, 0, 0, 1e-8]
-    )
-    assert np.all(np.isfinite(lin.jac_aircraft))
-    assert_array_equal(lin.jac_aircraft[[0, 1, 3, 4, 5]], 0)
-    assert lin.jac_aircraft[2] > 0  # down is closer
+    lin_constant = constant.linearize(aircraft, radar)
+    assert lin.jac_radar[3] == pytest.approx(lin_constant.jac_radar[3])
+    assert_array_equal(lin_constant.jac_aircraft[[0, 1, 3, 4, 5]], 0)  # this has a gradient
+    assert lin_constant.jac_aircraft[2] * np.sign(height) < 0  # nearer is seen better
 
 
 def test_one_singular_pose_leaves_its_neighbours_alone():
@@ -562,7 +483,7 @@ def test_one_singular_pose_leaves_its_neighbours_alone():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("snr", [1e4, 1e6, 1e12, 1e100])
+@pytest.mark.parametrize("snr", [1e4, 1e100])
 def test_overwhelming_signal_is_certain_detection_with_no_slope(kind, snr):
     rng = np.random.default_rng(20)
     model, known_as, aircraft, radar = random_case(rng, kind, 20)
@@ -591,27 +512,18 @@ def test_radar_without_power_detects_noise(kind):
 
 
 @pytest.mark.parametrize(
-    "rcs", [ConstantRCS(1.0), EllipsoidRCS(0.1, 0.2, 0.3), SpikeballRCS(4, 1, 1)]
-)
-def test_results_are_nan_where_aircraft_and_radar_coincide(rcs):
-    model = DetectionModel(rcs, 1e-4)
-    lin = model.linearize(np.zeros(6), [0, 0, 0, 1.0])
-    assert np.isnan(model.p_d(np.zeros(6), [0, 0, 0, 1.0]))
-    assert np.isnan(lin.p_d)
-    assert np.isnan(lin.jac_radar).all()
-    assert np.isnan(lin.jac_aircraft).all()
-
-
-def test_a_nan_beside_a_negative_constant_is_an_error():
-    radar = [[0, 0, 0, np.nan], [0, 0, 0, -5.0]]
-    with pytest.raises(ValueError, match="must be finite, got nan for constant at pose 0"):
-        DetectionModel(ConstantRCS(1.0), 1e-4).p_d(np.ones((2, 6)), radar)
-
-
-@pytest.mark.parametrize(
     "shapes", [((1, 1), (1, 1)), ((6,), (4, 4)), ((4, 4), (6, 6)), ((6, 6), ())]
 )
 def test_covariances_that_do_not_fit_are_refused(shapes):
     lin = DetectionModel(ConstantRCS(1.0), 1e-4).linearize(np.ones(6), np.zeros(4))
     with pytest.raises(ValueError, match="covariance must have shape"):
         lin.std(*(np.ones(shape) for shape in shapes))
+
+
+@pytest.mark.parametrize(
+    "rcs", [ConstantRCS(1.0), EllipsoidRCS(0.1, 0.2, 0.3), SpikeballRCS(4, 1, 1)]
+)
+def test_results_are_nan_where_aircraft_and_radar_coincide(rcs):
+    model, states = DetectionModel(rcs, 1e-4), (np.zeros(6), [0, 0, 0, 1.0])
+    lin = model.linearize(*states)
+    assert np.isnan([model.p_d(*states), lin.p_d, *partials(lin)]).all()
