@@ -399,6 +399,20 @@ def test_std_agrees_with_fifty_digits(rank):
         assert error <= 58 * ROUNDING * (size + more_size)
 
 
+def test_std_of_a_covariance_for_every_pose():
+    rng = np.random.default_rng(18)
+    model, _, aircraft, radar = random_case(rng, "ellipsoid", 12)
+    lin = model.linearize(aircraft.reshape(3, 4, 6), radar.reshape(3, 4, 4))
+    cov_aircraft = np.array([[random_covariance(rng, 6, 6)] * 4 for _ in range(3)])
+    cov_radar = np.array([random_covariance(rng, 4, 4) for _ in range(4)])
+    std = lin.std(cov_aircraft, cov_radar)
+    for i in np.ndindex(std.shape):
+        alone = Linearization(lin.p_d[i], lin.jac_aircraft[i], lin.jac_radar[i])
+        assert std[i] == pytest.approx(alone.std(cov_aircraft[i], cov_radar[i[1]]), rel=1e-13)
+    assert lin.std(cov_aircraft[0, 0], cov_radar[0]).shape == std.shape == (3, 4)
+    assert alone.std(cov_aircraft, cov_radar).shape == (3, 4)
+
+
 def test_singular_covariance_is_never_nan():
     """The variance along a direction without uncertainty rounds to below 0 in half of all cases."""
     rng = np.random.default_rng(19)

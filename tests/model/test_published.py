@@ -101,6 +101,12 @@ def test_binary_integration_of_matlab():
     assert shnidman - of_sum == pytest.approx(0.0201, abs=0.00005)
 
 
+def test_c_band_example_of_the_textbook():
+    """Mahafza (2000), section 1.4: 20 dB of 0.1 m² at 10^(197.351/40) m, with k = 1.38e-23."""
+    radar = TrackingRadar(1.5e6, 45, 3e8 / 5.6e9, 5e6, 290, 0, 3)
+    assert snr_db(radar, 0.1, 10 ** (19.7351 / 4)) == pytest.approx(20, abs=0.01)
+
+
 # Stone Soup, https://github.com/dstl/Stone-Soup/blob/710a094faab64c021a161d690cf15dcfa4437489/
 # stonesoup/sensor/radar/tests/test_radar.py.
 
