@@ -4,8 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import yaml
-from helpers import TRACKING, assert_same_scenario, document, place, refusal
+from helpers import (
+    TRACKING,
+    assert_same_scenario,
+    network_document,
+    place,
+    radar_entry,
+    refusal,
+    yaml_text,
+)
 from numpy.testing import assert_allclose, assert_array_equal
 
 import radar_sense as rs
@@ -16,34 +23,21 @@ from radar_sense.model.rcs import ConstantRCS
 MODEL = rs.DetectionModel(ConstantRCS(0.1), 1e-6, rs.Marcum())
 #: c · 11 µs / 2.
 BLIND = 299_792_458 * 11e-6 / 2
-LEVELS = {"one": {"position_m": 10, "constant": 1e-7}}
 
 
 def several(**changes):
     """Document of the paper's aircraft, 4 km from a radar with a pulse, in a list of one."""
-    content = document(
-        geometry__range_km=4, geometry__azimuth_deg={"start": 0, "stop": 90, "step": 45}
-    )
     entry = {
-        "name": "near",
         "position_m": [0, 0, 0],
+        "constant": None,
         "tracking": {**TRACKING, "pulse_width_us": 11},
         "p_fa": 1e-6,
-        "uncertainty": LEVELS,
+        "uncertainty": {"low": {"position_m": 10, "constant": 1e-7}},
         **changes,
     }
-    content["radars"] = [{key: value for key, value in entry.items() if value is not None}]
-    del content["radar"], content["uncertainty"]["radar"]
-    content["analysis"]["level"] = "one"
+    content = network_document(radar_entry("near", **entry))
+    content["geometry"] |= {"range_km": 4, "azimuth_deg": {"start": 0, "stop": 90, "step": 45}}
     return content
-
-
-def text(content):
-    return yaml.safe_dump(content, sort_keys=False)
-
-
-def parsed(**changes):
-    return rs.parse_scenario(text(several(**changes)))
 
 
 def test_nothing_is_seen_within_the_minimum_range():
@@ -69,10 +63,10 @@ def test_the_keys_are_read_and_read_back():
         ({"eclipsing": True, "min_range_km": 2.5}, 2500.0),
         ({"min_range_km": 2.5, "max_range_km": 3}, 2500.0),
     ):
-        scenario = parsed(**changes)
+        scenario = rs.parse_scenario(yaml_text(several(**changes)))
         (radar,) = scenario.model.radars
         assert_allclose(radar.min_range, expected, rtol=1e-15)
-        again = rs.parse_scenario(text(scenario.resolved()))
+        again = rs.parse_scenario(yaml_text(scenario.resolved()))
         assert_same_scenario(again, scenario)
         entry = scenario.resolved()["radars"][0]
         assert {key: entry.get(key, False) for key in changes} == changes
@@ -87,7 +81,7 @@ def test_the_keys_are_read_and_read_back():
     ],
 )
 def test_refusals_name_the_key(tool, changes, path, complaint):
-    line, key, message = place(refusal(tool, text(several(**changes))))
+    line, key, message = place(refusal(tool, yaml_text(several(**changes))))
     assert line
     assert key == f"radars[1].{path}"
     assert complaint in message

@@ -216,7 +216,7 @@ def test_moments_of_a_factor_by_quadrature(part):
 @pytest.mark.parametrize("kind", KINDS)
 def test_draws_have_the_moments(kind):
     s = sheet_scenario(kind)
-    states, runs = s.states(), 400_000
+    states, runs = s.states(), 200_000
     normals = np.random.default_rng(3).standard_normal((runs, states.radar_normals))
     assert states.radar_normals == 3 + len(TOLERANCES[kind])
     radar = states.radars_at(normals)
@@ -232,15 +232,6 @@ def test_draws_have_the_moments(kind):
     assert exact.std / relative_std(s.tolerances[0]) - 1 > 3 * 4.5 * error
     np.testing.assert_allclose(radar[:, :3].std(axis=0), 100, rtol=0.01)
     assert np.max(abs(np.corrcoef(radar[:, :4].T) - np.eye(4))) < 0.01
-
-
-def test_a_power_below_zero_is_no_power():
-    states = sheet_scenario(tolerances={"average_power_kw": 6, "loss_db": 1}).states()
-    normals = np.zeros((4, 5))
-    normals[:, 3] = [-3, -1.7, -1.6, 0]  # 10 + 6 u kW
-    radar = states.radars_at(normals)
-    assert [clipped(one) for one in radar[:, np.newaxis]] == [1, 1, 0, 0]
-    np.testing.assert_allclose(radar[:, 3] / radar[3, 3], [0, 0, 0.04, 1], rtol=1e-12, atol=0)
 
 
 def test_a_divisor_never_comes_near_zero():

@@ -78,9 +78,6 @@ def assert_same(found, expected, rtol=1e-12):
     assert_allclose(found.error, expected.error, rtol=1e-6, atol=1e-12)
 
 
-# The paper's scenario.
-
-
 #: Largest errors of bounds at β = 3, of σ (relative) and of the mean. Each is some 10 % above the
 #: measured one. The requirements are wider: bounds 0.005 and σ 3 % by `probit`; bounds
 #: 0.0005, σ 0.5 % (1.5 % at Low) and mean 0.0002 by `form`; none for `linear`.
@@ -138,10 +135,7 @@ def test_mean_and_deviation_do_not_depend_on_beta(method):
 
 
 def parts_of_what_is_allowed(found, lower, upper, std):
-    """Return errors of the bounds in units of 0.005; and of a tenth of a bound or 5 % of σ.
-
-    A relative error below 1e-6 does not count, because no output shows it.
-    """
+    """Return errors of the bounds in units of 0.005; and of a tenth of a bound or 5 % of σ."""
     errors = [abs(found.lower - lower), abs(found.upper - upper), abs(found.std - std)]
     allowed = 0.1 * lower, 0.1 * upper, 0.05 * std
     relative = [e / np.maximum(a, 1e-6) for e, a in zip(errors, allowed, strict=True)]
@@ -164,9 +158,6 @@ def test_linear_is_the_linearization():
             assert_array_equal(getattr(found, name), lin.p_d)
         assert_allclose(found.lower, lin.p_d - 2 * std, atol=1e-15)
         assert_allclose(found.upper, lin.p_d + 2 * std, atol=1e-15)
-
-
-# Closed forms.
 
 
 def test_moments_of_a_probit_agree_with_thirty_digits():
@@ -199,10 +190,7 @@ def test_moments_of_a_probit_agree_with_thirty_digits():
 
 
 def test_quantiles_of_a_quadratic_that_are_known():
-    """r* is exact without λ, off by 4 % of a deviation where λ is g, and by 1.2 % for chi-square.
-
-    At λ = 0.2 g it is off by 0.1 %.
-    """
+    """r* is exact without λ, off by 4 % of a deviation where λ is g, by 1.2 % for chi-square."""
     beta = np.array([-4.0, -3.0, -1.0, 0.0, 1.0, 3.0, 4.0])
     level = ndtr(beta)
     cases = [  # g, λ, quantiles; relative tolerance, tolerance in standard deviations
@@ -299,10 +287,7 @@ def along_state(which, pose, radar, std):
     [(0.01, 1e-12, 1e-7), (3, 1e-7, 1e-6), (10, 2e-5, 1e-5), (30, 1.1e-3, 3e-3), (50, 5e-4, 0.011)],
 )
 def test_radar_constant_alone(percent, bound_error, std_error):
-    """Monotone, so the bounds are P_D at c_r (1 ± 3 percent); at 50 % c_r is below zero at −2.
-
-    The extremes on the spheres are then exact, and what is seen is the error of r*.
-    """
+    """Monotone, so the bounds are P_D at c_r (1 ± 3 percent); at 50 % c_r is below zero at −2."""
     std = percent / 100 * RADAR[3]
     aircraft = paper_aircraft(np.array([0.0, 30.0, 60.0, 90.0]))
     found = propagate(MODEL, aircraft, RADAR, *one_state(9, std), method="form")
@@ -360,7 +345,7 @@ def test_no_extreme_is_beyond_the_one_found(sign):
     u = form.ball_maximum(g, lam, radius)
     found, converged = form.climb(z, row, signs, radius, g, lam, u)
     assert converged.all()
-    for _ in range(100):
+    for _ in range(40):
         value, by_u = z(u, row)
         assert np.all(found >= sign * value - 1e-4)
         by_u *= sign
@@ -398,9 +383,6 @@ def test_far_in_the_tails(constant):
             assert found.std[i] == pytest.approx(exact, rel=1e-3)
             assert by_probit.std[i] == pytest.approx(exact, rel=0.35)
         assert found.std[i] > 0
-
-
-# Where the gradient vanishes.
 
 
 @pytest.mark.parametrize(
@@ -443,26 +425,18 @@ def test_500_plain_draws_are_unreliable(method):
 @pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
 def test_without_uncertainty_every_deviation_is_zero(method):
-    states = MODEL, AIRCRAFT[::20], RADAR, CERTAIN_AIRCRAFT, CERTAIN_RADAR
-    found = propagate(*states, method=method)
-    assert_array_equal(found.std, 0.0)
-    for name in ("mean", "lower", "upper"):
-        assert_array_equal(getattr(found, name), found.p_d)
-    assert_array_equal(found.error, 0.0)
-    assert not unreliable(*states, method=method).any()
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_uncertainty_without_effect(method):
-    """Attitude, with a cross section that is the same from everywhere."""
-    model = DetectionModel(ConstantRCS(0.2), p_fa=1e-4)
-    cov = independent(0, 0, 0, 0.3, 0.3, 0.3)
-    found = propagate(model, AIRCRAFT[::30], RADAR, cov, CERTAIN_RADAR, method=method)
-    assert_array_equal(found.std, 0.0)
-    assert_array_equal(found.upper, found.p_d)
-
-
-# Any scenario.
+    """Also where attitude alone is uncertain, and the cross section the same from everywhere."""
+    sphere = DetectionModel(ConstantRCS(0.2), p_fa=1e-4)
+    turned = independent(0, 0, 0, 0.3, 0.3, 0.3)
+    for model, cov_aircraft in ((MODEL, CERTAIN_AIRCRAFT), (sphere, turned)):
+        states = model, AIRCRAFT[::20], RADAR, cov_aircraft, CERTAIN_RADAR
+        found = propagate(*states, method=method)
+        assert_array_equal(found.std, 0.0)
+        assert_array_equal(found.upper, found.p_d)
+        if model is MODEL:
+            assert_array_equal([found.mean, found.lower], [found.p_d] * 2)
+            assert_array_equal(found.error, 0.0)
+            assert not unreliable(*states, method=method).any()
 
 
 def correlated(rng, std, rank=None):
@@ -557,9 +531,6 @@ def test_huge_uncertainty_is_warned_of():
     assert_array_equal(found.upper, 1.0)
 
 
-# Values that are not known.
-
-
 def test_a_pose_that_has_not_converged_does_not_change_its_neighbours():
     """A spikeball has kinks. Poses with an extreme at a kink do not converge."""
     model = DetectionModel(SpikeballRCS(4, 0.18, 0.1), p_fa=1.7e-4)
@@ -601,16 +572,10 @@ def test_straight_above_the_radar_nothing_is_known_but_by_draws(method, rcs):
         assert_same(found.at(0), alone, rtol=1e-5)
 
 
-# Shapes and arguments.
-
-
 @pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
 def test_a_pose_does_not_depend_on_the_others(method):
-    """Alone, or among more poses than are computed at a time.
-
-    The poses of `automatic` share its most draws, which are enough for these but not for thousands.
-    """
+    """Alone, or among more poses than are computed at a time; those of `automatic` share draws."""
     some = AIRCRAFT[::20]
     whole = propagate(MODEL, some, RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
     for i in (0, 7, 18):
@@ -728,9 +693,6 @@ def test_no_bound_is_wrong_without_a_warning(detector, percent):
             assert relative[~warned].max(initial=0.0) < most
         assert np.maximum(bound, relative)[warned].min(initial=1.0) > 0.8, method
         assert method != "automatic" or not warned.any()
-
-
-# Lobes within reach.
 
 
 def lobed(near_deg, far_deg, far_db):

@@ -21,8 +21,6 @@ from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 from radar_sense.sources import value_function
 
-# Propagation.
-
 
 @pytest.mark.parametrize("logarithmic", [(True, False), (False, True), (True, True)])
 def test_log_normal_constants_are_those_of_each_radar(logarithmic):
