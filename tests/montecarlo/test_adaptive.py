@@ -1,8 +1,4 @@
-"""The verdict on a method: the tolerance of JCGM 101, and cases with a known verdict.
-
-Most cases have a model that is linear in the states. P_D is then Gaussian, first order is exact,
-and every quantile is known.
-"""
+"""The verdict on a method, mostly for a model that is linear: all quantiles are then known."""
 
 import dataclasses
 from decimal import Decimal
@@ -84,34 +80,22 @@ def assert_same(one, other):
         (0.00035, 2, 0.000005),  # 7.9.2, examples 1 to 3
         (0.00035, 1, 0.00005),
         (2.0, 1, 0.5),
-        (0.35, 2, 0.005),
-        (0.35, 1, 0.05),
-        (0.0304, 2, 0.0005),
-        (0.0304, 4, 0.000005),
-        (0.1, 2, 0.005),
         (0.0999, 2, 0.005),  # rounded to 0.10: 10 · 10^-2
         (0.0994, 2, 0.0005),  # 99 · 10^-3
-        (0.96, 1, 0.5),
-        (0.94, 1, 0.05),
-        (1.0, 1, 0.5),
-        (1e-9, 3, 5e-12),
         (0.0, 2, 0.0),
     ],
 )
 def test_tolerance_is_half_a_unit_of_the_last_digit(std, digits, delta):
     assert numerical_tolerance(std, digits) == delta
+    assert np.isnan(numerical_tolerance(float("nan"), digits))
 
 
 @pytest.mark.parametrize("digits", [1, 2, 3, 4])
 def test_tolerance_leaves_the_deviation_the_given_digits(digits):
-    for std in 10 ** np.random.default_rng(1).uniform(-12, 2, 500):
+    for std in 10 ** np.random.default_rng(1).uniform(-12, 2, 200):
         unit = 2 * Decimal(str(numerical_tolerance(std, digits)))
         assert unit == Decimal(10) ** unit.adjusted()
         assert len(str(round(Decimal(std) / unit))) == digits
-
-
-def test_tolerance_of_no_number_is_none():
-    assert np.isnan(numerical_tolerance(float("nan"), 2))
 
 
 def test_where_first_order_is_exact_it_agrees():
@@ -153,10 +137,7 @@ def test_no_standard_error_is_too_small_by_chance_at_one_pose_of_hundreds():
 
 
 def test_a_bound_where_the_tail_is_steep_is_not_biased(monkeypatch):
-    """The lower bound is 0.0895, between 0.0870 and 0.0925, by 12e6 draws of another program.
-
-    The mean of bounds by 4096 draws each is 0.100.
-    """
+    """The lower bound is 0.0895, between 0.0870 and 0.0925, by 12e6 draws of another program."""
     s = scenario(
         radar={"position_m": [0, 0, -20], "constant": 20, "p_fa": 1e-4},
         aircraft={
@@ -182,7 +163,7 @@ def test_a_bound_where_the_tail_is_steep_is_not_biased(monkeypatch):
 
 @pytest.mark.parametrize(("off", "never"), [(0.8, "differs"), (2.5, "agrees")])
 def test_nearly_the_tolerance_does_not_differ_and_clearly_above_does_not_agree(off, never):
-    for seed in range(5):
+    for seed in range(3):
         states = gaussian(std=0.04, poses=1, seed=seed)
         v = validate(states, digits=1, upper=lambda u: u + off * 0.005)
         assert v.delta[0] == 0.005
@@ -191,7 +172,7 @@ def test_nearly_the_tolerance_does_not_differ_and_clearly_above_does_not_agree(o
 
 @pytest.mark.parametrize(("digits", "word"), [(1, "agrees"), (2, "differs")])
 def test_a_wrong_deviation_is_told_where_the_digits_show_it(digits, word):
-    # 3 % of 0.09 is 0.0027: within half a unit of 0.03, not within one of 0.030
+    """3 % of 0.09 is 0.0027: within half a unit of 0.03, not within one of 0.030."""
     v = validate(gaussian(exaggerate=1.03, poses=2), digits=digits)
     assert v.word == word
     assert np.all(v.differs) == (word == "differs")
@@ -232,31 +213,30 @@ def test_the_paper_at_high_differs_for_linear_and_agrees_for_form():
 
 
 def test_too_few_draws_decide_nothing(monkeypatch):
+    """Also where the values of a method are those that were drawn."""
     monkeypatch.setattr(adaptive, "MOST_DRAWS", 2 * PRECISE)
     v = validate(gaussian(poses=3), digits=3)
-    np.testing.assert_array_equal(v.draws, 2 * PRECISE)
-    assert not np.any(v.stable | v.agrees | v.differs)
-    assert np.all(v.undecided)
-    assert v.word == "undecided"
-
-
-def test_undecided_does_not_agree_even_if_it_is_the_same(monkeypatch):
-    monkeypatch.setattr(adaptive, "MOST_DRAWS", 2 * PRECISE)
-    seen = dict(zip(QUANTITIES, validate(gaussian(poses=1), digits=3).drawn, strict=True))
-    again = validate(gaussian(poses=1), digits=3, **{n: lambda _, n=n: seen[n] for n in seen})
-    assert not np.any(again.distance)
-    assert again.word == "undecided"
-    assert not again.agrees[0]
+    seen = dict(zip(QUANTITIES, v.drawn, strict=True))
+    same = validate(gaussian(poses=3), digits=3, **{n: lambda _, n=n: seen[n] for n in seen})
+    assert not np.any(same.distance)
+    for found in (v, same):
+        np.testing.assert_array_equal(found.draws, 2 * PRECISE)
+        assert not np.any(found.stable | found.agrees | found.differs)
+        assert np.all(found.undecided)
+        assert found.word == "undecided"
 
 
 def test_a_pose_does_not_depend_on_the_others():
-    s = paper("high", step=30)
-    together = validate(s, method="form")
+    s, seen = paper("high", step=30), []
+    with listening(lambda *steps: seen.append(steps)):
+        together = validate(s, method="form")
     assert len(set(together.draws)) > 1
     alone = validate(s.at_poses(slice(3)), method="form")
     np.testing.assert_array_equal(together.draws[:3], alone.draws)
     np.testing.assert_allclose(together.drawn[:, :3], alone.drawn, rtol=1e-12)
     np.testing.assert_array_equal(together.agrees[:3], alone.agrees)
+    # progress is in poses
+    assert [done for done in seen if done[0] == "poses"][-1] == ("poses", len(together.draws), 7)
 
 
 def test_seed_makes_the_draws_and_zero_is_a_seed():
@@ -285,15 +265,11 @@ def test_without_uncertainty_the_nominal_value_agrees(method, detector):
     assert np.all(v.drawn[STD] < 1e-15)
 
 
-def test_without_uncertainty_rounding_is_no_error():
+def test_without_uncertainty_rounding_is_no_error_and_another_value_is():
     v = validate(gaussian(std=0.0), lower=lambda x: x + 2e-14, upper=lambda x: x - 2e-14)
     assert v.word == "agrees"
-
-
-def test_without_uncertainty_another_value_differs():
-    v = validate(gaussian(std=0.0), upper=lambda upper: upper + 1e-9)
-    assert np.all(v.stable)
-    assert np.all(v.differs)
+    other = validate(gaussian(std=0.0), upper=lambda upper: upper + 1e-9)
+    assert np.all(other.stable & other.differs)
 
 
 def test_a_method_without_a_result_differs():
@@ -315,11 +291,3 @@ def test_a_long_computation_says_so_before_it_starts(monkeypatch, caplog):
     # the draws that it says are those that it takes, to some half
     draws = float(said.partition(" ")[0].replace(",", ""))
     assert draws == pytest.approx(v.draws[0], rel=0.5)
-
-
-def test_progress_is_in_poses():
-    s, seen = paper(step=30), []
-    with listening(lambda *steps: seen.append(steps)):
-        validate(s, digits=1, method="form")
-    done = [steps for steps in seen if steps[0] == "poses"]
-    assert done[-1] == ("poses", len(s.aircraft), len(s.aircraft))

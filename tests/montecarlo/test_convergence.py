@@ -42,9 +42,6 @@ NOTHING = {
 }
 
 
-# The estimators.
-
-
 def test_estimates_are_numpys():
     p_d = np.random.default_rng(1).random((3000, 4))
     for rows in (p_d, p_d[:2], p_d[:741], p_d[:743]):
@@ -54,9 +51,6 @@ def test_estimates_are_numpys():
         np.testing.assert_allclose(found, expected, rtol=1e-13)
 
 
-# The errors.
-
-
 @pytest.fixture(scope="module")
 def measured():
     """The paper's scenario with fewer runs than by default."""
@@ -64,10 +58,7 @@ def measured():
 
 
 def test_random_errors_fall_as_the_root_of_runs(measured):
-    """Errors fall from the first to the last number of runs, within four standard errors.
-
-    RMS values of R repetitions have a relative error of 1/√(2R) at most. The poses increase R.
-    """
+    """RMS values of R repetitions have a relative error of 1/√(2R) at most."""
     runs, repetitions = measured.runs, 64
     error = np.sqrt(2) / np.sqrt(2 * repetitions) / np.log(runs[-1] / runs[0])
     for statistic in ("mean", "std"):
@@ -94,9 +85,7 @@ def test_the_reference_is_four_times_better_than_every_estimate(measured):
 
 
 def test_the_reference_agrees_with_form(measured):
-    """The reference is `form`, with an error of up to 1.3e-6 in the mean, 0.04 % in σ and 6e-5 in
-    the bounds.
-    """
+    """The error of `form` is up to 1.3e-6 in the mean, 0.04 % in σ and 6e-5 in the bounds."""
     s = load_scenario()
     form = propagate_scenario(s, method="form")
     at = np.searchsorted(s.axis.values, measured.axis.values)
@@ -136,18 +125,6 @@ def test_the_reference_is_the_mean_of_independent_sequences_with_its_standard_er
     for name, rows in {"mean": [0], "std": [1], "quantile": [2, 3]}.items():
         expected = np.sqrt(np.mean(relative[rows] ** 2))
         assert measured.reference_error[name] == pytest.approx(expected, rel=1e-8)
-
-
-def test_rate_of_what_falls_as_a_power():
-    runs = np.array([8, 16, 32, 64, 128])
-    assert rate(runs, 3.0 * runs**-0.75) == pytest.approx(-0.75)
-    more = np.concatenate([[1, 2, 4], runs])  # the rate is of the last five numbers of runs
-    assert rate(more, np.concatenate([[9, 9, 1], 3.0 * runs**-0.75])) == pytest.approx(-0.75)
-    assert np.isnan(rate(runs[:1], np.ones(1)))
-    assert np.isnan(rate(runs, np.zeros(5)))
-
-
-# The analysis.
 
 
 @pytest.fixture(scope="module")
@@ -201,9 +178,6 @@ def test_without_uncertainty_all_errors_are_nan():
     assert warning == "sigma of P_D, the unit of the errors, is zero at all 13 poses [sigma-zero]"
 
 
-# The figure and the command.
-
-
 @pytest.mark.parametrize(
     ("changes", "runs"), [(WEAK, 2), (NOTHING, 16)], ids=["overhead", "nothing"]
 )
@@ -223,12 +197,17 @@ def test_layout(changes, runs):
 
 
 def test_the_guide_lines_have_their_slopes(small):
-    figure = small.plot()
-    for axes, powers in zip(figure.axes, ([-0.5, -1], [-0.5, -1], [-0.5]), strict=True):
+    for axes, powers in zip(small.plot().axes, ([-0.5, -1], [-0.5, -1], [-0.5]), strict=True):
         guides = axes.lines[len(SAMPLERS) :]
         for line, power in zip(guides, powers, strict=True):
-            x, y = line.get_data()
-            assert np.log(y[-1] / y[0]) / np.log(x[-1] / x[0]) == pytest.approx(power)
+            assert rate(*line.get_data()) == pytest.approx(power)
+
+
+def test_rate_of_what_falls_as_a_power():
+    runs = np.array([1, 2, 4, 8, 16, 32, 64, 128])  # the rate is of the last five
+    errors = np.concatenate([[9, 9, 1], 3.0 * runs[3:] ** -0.75])
+    assert rate(runs, errors) == pytest.approx(-0.75)
+    assert np.isnan([rate(runs[:1], np.ones(1)), rate(runs, np.zeros(8))]).all()
 
 
 def test_the_command(tool):
@@ -238,10 +217,6 @@ def test_the_command(tool):
     assert [line.split("  ")[1] for line in out.splitlines()[2:4]] == ["random", "sobol"]
     record = json.loads(Path("figures/paper_convergence.json").read_text())
     assert (record["seed"], record["summary"]["repetitions"]) == (4, REPLICATIONS)
-    assert record["scenario"]["analysis"] == {
-        "level": "high",
-        "method": "linear",
-        "runs": 32,
-        "seed": 4,
-    }
+    given = {"level": "high", "method": "linear", "runs": 32, "seed": 4}
+    assert record["scenario"]["analysis"] == given
     assert len(Path("figures/paper_convergence.csv").read_text().splitlines()) == 6

@@ -28,7 +28,7 @@ FIRST = [[4 / 17.25, 0, np.nan, 1 / 2], [11 / 17.25, 0, np.nan, 1 / 2], [0, 0, n
 TOTAL = [[6.25 / 17.25, 1, np.nan, 1 / 2], [13.25 / 17.25, 1, np.nan, 1 / 2], [0, 1, np.nan, 0]]
 
 
-@pytest.mark.parametrize("samples", [2**12, 2**16])
+@pytest.mark.parametrize("samples", [2**12, 2**15])
 def test_indices_known_in_closed_form(samples):
     found = sobol_indices(several_outputs, GROUPS, outputs=4, samples=samples, seed=1)
     kept = [0, 1, 3]  # of an output without variance there are none
@@ -49,28 +49,19 @@ def test_indices_known_in_closed_form(samples):
 def test_standard_errors_are_the_spread_over_seeds():
     indices = [
         sobol_indices(several_outputs, GROUPS, outputs=4, samples=256, seed=seed)
-        for seed in range(60)
+        for seed in (0, *range(60))
     ]
+    again = indices.pop(0)
+    np.testing.assert_array_equal(again.first, indices[0].first)
+    assert not np.array_equal(again.first, indices[1].first)
     for output, group in ((0, 0), (0, 1), (3, 0)):
-        for kind, place in (
-            ("first", (group, output)),
-            ("total", (group, output)),
-            ("variance", output),
-        ):
+        for kind in ("first", "total", "variance"):
+            place = output if kind == "variance" else (group, output)
             found = [getattr(i, kind)[place] for i in indices]
             errors = [getattr(i, f"{kind}_error")[place] for i in indices]
             # 59 and 60 · 7 degrees of freedom: the ratio is known to 9.8 %
             mean_error = np.sqrt(np.mean(np.square(errors)))
             assert mean_error == pytest.approx(np.std(found, ddof=1), rel=4 * 0.098)
-
-
-def test_indices_have_a_seed():
-    one, again, other = (
-        sobol_indices(several_outputs, GROUPS, outputs=4, samples=64, seed=seed).first
-        for seed in (0, 0, 1)
-    )
-    np.testing.assert_array_equal(one, again)
-    assert not np.array_equal(one, other)
 
 
 @pytest.mark.parametrize("values", [1, 1000, 10**7])
@@ -93,9 +84,6 @@ def test_blocks_of_outputs_do_not_change_a_bit(monkeypatch, values):
     assert (min(sizes), max(sizes)) == ((2, 3) if values < 10**7 else (9, 9))
     for field in vars(expected):
         assert getattr(indices, field).tobytes() == getattr(expected, field).tobytes()
-
-
-def test_one_output_is_enough():
     one = sobol_indices(lambda u, _: u.T[:1] + 0.0, [[0], [1]], outputs=1, samples=64, seed=1)
     np.testing.assert_allclose(one.total, [[1], [0]], atol=0.1)
 

@@ -50,11 +50,12 @@ HARD = {
     "ties": lambda u: np.round(ndtri(u), 2),
     "atom": lambda u: np.maximum(ndtri(u), ndtri(1.5 * P)),
     "gap": lambda u: np.where(u < P, u, 1 + u),
+    "sorted": lambda u: np.sort(u, axis=0),  # a block may hold a whole tail
 }
 
 
 @pytest.mark.parametrize("merged", [False, True])
-@pytest.mark.parametrize("count", [2, 3, 31, 500, 2501, 20000])
+@pytest.mark.parametrize("count", [2, 3, 31, 2501])
 @pytest.mark.parametrize("probability", [0.00135, 0.01, 0.25])
 def test_tails_are_the_quantiles_of_all_rows(count, probability, merged):
     rows = np.random.default_rng(count).uniform(size=(count, 3)).round(3)  # rounded: with ties
@@ -63,19 +64,12 @@ def test_tails_are_the_quantiles_of_all_rows(count, probability, merged):
     np.testing.assert_allclose(found.upper, np.quantile(rows, 1 - probability, axis=0), atol=1e-15)
 
 
-@pytest.mark.parametrize("size", [256, 140_000])
+@pytest.mark.parametrize("size", [1000, 140_000])
 @pytest.mark.parametrize("kind", HARD)
 def test_tails_of_very_many_rows_are_exact_too(kind, size):
     count = 200_000
     rows = HARD[kind](np.random.default_rng(count + size).uniform(size=(count, 2)))
     found = statistics_of(rows, P, size, merged=True).result()
-    expected = np.quantile(rows, [P, 1 - P], axis=0)
-    np.testing.assert_allclose([found.lower, found.upper], expected, rtol=1e-13)
-
-
-def test_a_block_may_hold_a_whole_tail():
-    rows = np.sort(np.random.default_rng(4).uniform(size=(200_000, 1)), axis=0)
-    found = statistics_of(rows, P, 1000, merged=True).result()
     expected = np.quantile(rows, [P, 1 - P], axis=0)
     np.testing.assert_allclose([found.lower, found.upper], expected, rtol=1e-13)
 

@@ -26,8 +26,6 @@ from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.sources import error_budget
 
-# Draws.
-
 
 @pytest.mark.parametrize("azimuth", [30, 90])
 def test_a_network_against_plain_draws(azimuth):
