@@ -1,7 +1,4 @@
-"""What a verdict promises: its probabilities are one set, and nothing hides between rows.
-
-The oracles are closed forms, straight lines, and the independent program of `tests/studies/bands`.
-"""
+"""What a verdict promises: its probabilities are one set, and nothing hides between rows."""
 
 import math
 from pathlib import Path
@@ -112,14 +109,8 @@ def test_anywhere_on_an_orbit_is_given_without_correlation_only(correlation_s):
     assert any("needs times" in line for line in result.report) == (not given)
 
 
-def past_a_limit(folder, beyond, at, level=False):
-    """A straight flight of 1000 s past a radar that sees 60 km, with two rows.
-
-    Args:
-        folder: Folder of the files.
-        beyond: Horizontal distance [m] of the closest point beyond the limit.
-        at: Time [s] of the closest point.
-    """
+def past_a_limit(folder, beyond, at):
+    """A flight of 1000 s, closest to a radar at a time, then beyond its 60 km by some metres."""
     east = math.sqrt((60e3 + beyond) ** 2 - 6e3**2)
     text = "time_s,north_m,east_m,down_m\n" + "\n".join(
         f"{time},{200 * (time - at)},{east},-6000" for time in (0, 1000)
@@ -136,7 +127,7 @@ def past_a_limit(folder, beyond, at, level=False):
 
 
 @pytest.mark.usefixtures("few_judge")
-@pytest.mark.parametrize(("within", "at"), [(10, 489.7), (40, 250), (300, 31.4)])
+@pytest.mark.parametrize(("within", "at"), [(10, 489.7), (300, 31.4)])
 def test_a_path_that_grazes_a_limit_between_rows_is_violated(tmp_path, within, at):
     """The errors are metres, and the path is within the limit for twice √(d² − (d − x)²)/v."""
     s = past_a_limit(tmp_path, -within, at)
@@ -150,8 +141,7 @@ def test_a_path_that_grazes_a_limit_between_rows_is_violated(tmp_path, within, a
 
 
 def test_a_path_that_stays_beyond_a_limit_holds(tmp_path):
-    test = analyses.variance(past_a_limit(tmp_path, 40, 489.7), threshold=0.3)
-    assert test.passed
+    assert analyses.variance(past_a_limit(tmp_path, 40, 489.7), threshold=0.3).passed
 
 
 @pytest.mark.usefixtures("few_judge")
@@ -216,7 +206,7 @@ def test_a_factor_of_a_budget_is_confirmed_by_plain_draws_of_another_program():
     assert 3.3 < factor <= 3.62
     azimuth, rows, problem = cases.read("bud_b")
     (row,) = rows[azimuth == 30]
-    draws = 400_000
+    draws = 200_000
     grown = cases.at_row(cases.grown(problem, factor), row)
     p_d = truth.drawn(grown, np.random.default_rng(1), draws)
     off = np.square(p_d - p_d.mean()) - p_d.var()

@@ -55,9 +55,7 @@ def drawn_p_d(s, runs, seed=5):
 
 
 def test_the_probabilities_of_the_paper():
-    """The probability is 0.0298 at 45 deg. At 60 deg probit has 0.0073 and two million draws
-    0.00743(6).
-    """
+    """At 60 deg probit has 0.0073, and two million draws have 0.00743(6)."""
     s = scenario(geometry__azimuth_deg=FEW)
     for method, at_45, at_60 in (("form", 0.0298, 0.0074), ("probit", 0.0290, 0.0073)):
         found = [distribution(s, method).exceedance(p_max) for p_max in (0.65, 0.9)]
@@ -88,14 +86,12 @@ def test_the_bound_and_the_probability_agree(method):
 
 
 def test_without_uncertainty_the_probability_is_zero_or_one():
-    s = scenario(
-        uncertainty={
-            "aircraft": {"position_m": 0, "attitude_deg": 0},
-            "radar": {"none": {"position_m": 0, "constant": 0}},
-        },
-        analysis={"level": "none"},
-        geometry__azimuth_deg=FEW,
-    )
+    certain = {
+        "aircraft": {"position_m": 0, "attitude_deg": 0},
+        "radar": {"none": {"position_m": 0, "constant": 0}},
+    }
+    level = {"level": "none"}
+    s = scenario(uncertainty=certain, analysis=level, geometry__azimuth_deg=FEW)
     for method in ("linear", "probit", "form", "automatic"):
         assert distribution(s, method).exceedance(0.7).tolist() == [0, 1]
     result = analyses.variance(s.at_poses(slice(1)), threshold=0.7)
@@ -325,15 +321,10 @@ def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
     assert refinement.unresolved(found) == f"{words}interpolate"
     orbit = dataclasses.replace(found, scenario=scenario(geometry__azimuth_deg=FEW))
     assert refinement.unresolved(orbit) == f"{words}azimuth_deg"
-
-
-def test_poses_that_would_not_resolve_p_d_are_not_computed(tmp_path, monkeypatch):
-    monkeypatch.setattr(refinement, "MAX_POSES", 40)
-    s = far(tmp_path, rows=30)
-    monkeypatch.setattr(refinement, "places", lambda s: np.linspace(0, 60, 50))
+    # more than these are not computed
+    monkeypatch.setattr(refinement, "places", lambda s: np.linspace(0, 40, 50))
     flat, counted = shaped(lambda t: 0 * t), []
-    found = refinement.refined(s, flat(s), counted.append, 0.001)
-    assert not found.resolved
+    assert not refinement.refined(s, flat(s), counted.append, 0.001).resolved
     assert not counted
 
 

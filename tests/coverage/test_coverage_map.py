@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
+from earth import flight
 from helpers import document, dump_yaml, lay_out, scenario, with_arrays
 from matplotlib.collections import LineCollection
+from scipy.optimize import brentq
 
 import radar_sense as rs
 from radar_sense.analyses import coverage_map
 from radar_sense.coverage import grid as area
+from radar_sense.model import geodesy as wgs84
 from radar_sense.progress import listening
 from radar_sense.propagation import propagate_scenario
 
@@ -25,13 +27,17 @@ SMOOTH = ("linear", "probit", "form")
 SMALL = {"north_km": (-600, 600), "east_km": (-300, 700), "step_km": 50}
 
 
-def small(s):
-    return area.grid(s, **SMALL)
+def poses_of(s, cells):
+    """Poses (n, m, 6) of the cells, at the height and attitude of the first pose of a scenario."""
+    states = np.zeros((*cells.shape, 6))
+    states[..., 0], states[..., 1] = cells.north[:, None], cells.east
+    states[..., 2:] = s.aircraft[0, 2:]
+    return states
 
 
 def test_cells_are_those_of_the_model():
     s = scenario(aircraft__attitude_deg=[3, -2, 90], geometry__down_km=-4)
-    cells = small(s)
+    cells = area.grid(s, **SMALL)
     assert cells.shape == (25, 21)
     p_d, bound = area.p_d_in_cells(s, cells, down=-7e3, course=math.radians(20))
     assert bound is None
@@ -52,9 +58,7 @@ def test_bound_is_that_of_propagate(method):
     s = scenario().with_analysis(level="high")
     cells = area.grid(s, north_km=(-600, 600), east_km=(10, 700), step_km=150)
     _, bound = area.p_d_in_cells(s, cells, method=method)
-    states = np.zeros((*cells.shape, 6))
-    states[..., 0], states[..., 1] = cells.north[:, None], cells.east
-    states[..., 2:] = s.aircraft[0, 2:]
+    states = poses_of(s, cells)
     expected = rs.propagate(s.model, states, s.radar, s.cov_aircraft, s.cov_radar, method=method)
     # one bound settles in some more cells than all that a mean takes
     known = ~np.isnan(expected.std)
@@ -70,9 +74,7 @@ def test_bound_knows_of_log_normal_constants(method):
     assert s.tolerances[0]
     cells = area.grid(s, north_km=(-250, 250), east_km=(10, 260), step_km=50)
     _, bound = area.p_d_in_cells(s, cells, method=method)
-    states = np.zeros((*cells.shape, 6))
-    states[..., 0], states[..., 1] = cells.north[:, None], cells.east
-    states[..., 2:] = s.aircraft[0, 2:]
+    states = poses_of(s, cells)
     gaussian = rs.propagate(s.model, states, s.radar, s.cov_aircraft, s.cov_radar, method=method)
     moments = propagate_scenario(s.at_states(states), method=method)
     std, upper = (np.reshape(values, cells.shape) for values in (moments.std, moments.upper))
@@ -87,31 +89,15 @@ def test_bound_knows_of_log_normal_constants(method):
 
 def test_a_map_of_the_round_earth_is_at_one_height_above_it(tmp_path):
     """Cells at the poses of the route have the values of the route."""
-    from radar_sense.model import geodesy as wgs84
-
-    place = np.deg2rad([[47.0, 8.0], [51.0, 8.0], [44.5, 17.0], [47.0, -1.0]])
-    place = np.column_stack([place, np.full(4, 9000.0)])
+    places = [
+        (place, 8.0 + east, 9000.0) for place, east in ((47, 0), (51, 0), (44.5, 9), (47, -9))
+    ]
+    s = flight(tmp_path, places, (47, 8, 400), (1, 2, 75), radar__constant=40)
     origin = (*np.deg2rad([47.0, 8.0]), 400.0)
-    rows = [f"{600 * k},{d[0]!r},{d[1]!r},9000,1,2,75"
-            for k, d in enumerate(np.rad2deg(place[:, :2]).tolist())]  # fmt: skip
-    (tmp_path / "route.csv").write_text(
-        "time_s,latitude_deg,longitude_deg,altitude_m,roll_deg,pitch_deg,yaw_deg\n"
-        + "\n".join(rows)
-    )
-    given = document(
-        radar__constant=40,
-        geometry={
-            "type": "path", "file": "route.csv",
-            "origin": {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 400},
-        }
-    )  # fmt: skip
-    del given["aircraft"]["attitude_deg"]
-    (tmp_path / "my.yaml").write_text(yaml.safe_dump(given))
-    s = rs.load_scenario(tmp_path / "my.yaml")
     assert s.origin == pytest.approx(origin)
-    np.testing.assert_allclose(
-        s.aircraft[:, :3], wgs84.ned_from_geodetic(place, origin), rtol=1e-12, atol=1e-6
-    )
+    place = np.array(places) * [math.pi / 180, math.pi / 180, 1]
+    expected = wgs84.ned_from_geodetic(place, origin)
+    np.testing.assert_allclose(s.aircraft[:, :3], expected, rtol=1e-12, atol=1e-6)
     for state in s.aircraft[1:]:  # the farthest is 700 km away, and 39 km lower
         cells = area.Grid(state[0] + np.array([0, 1e3]), state[1] + np.array([0, 1e3]))
         p_d, bound = area.p_d_in_cells(s, cells, method="probit")
@@ -119,9 +105,8 @@ def test_a_map_of_the_round_earth_is_at_one_height_above_it(tmp_path):
         assert bound[0, 0] > p_d[0, 0]
         turned = area.p_d_in_cells(s, cells, down=-8600.0, course=math.radians(75))[0]
         np.testing.assert_allclose(turned, p_d, rtol=1e-6)
-        assert area.p_d_in_cells(s, cells, down=-2000.0)[0][0, 0] != pytest.approx(
-            p_d[0, 0], rel=1e-4
-        )
+        low = area.p_d_in_cells(s, cells, down=-2000.0)[0][0, 0]
+        assert low != pytest.approx(p_d[0, 0], rel=1e-4)
     result = coverage_map(s, north_km=(-80, 90), east_km=(10, 60), step_km=12)
     summary = result.summary
     for axis in ("north", "east"):
@@ -329,16 +314,16 @@ def test_the_default_map_shows_all_of_its_contours(upper):
 
 
 def test_summary_and_report():
+    """With a constant RCS P_D falls with range alone: the areas are circles."""
     s = scenario(aircraft__rcs={"model": "constant", "rcs_m2": 0.1}, geometry__down_km=0)
     result = coverage_map(s, north_km=(-1000, 1000), east_km=(-1000, 1000), step_km=4)
-    # With a constant RCS P_D falls with range alone: the areas are circles.
     for level, found in result.summary["area_km2_at_or_above"].items():
-        low, high = 1.0, 1e7
-        for _ in range(100):
-            middle = math.sqrt(low * high)
-            p_d = s.model.p_d([middle, 0, 0, 0, 0, 0], s.radar)
-            low, high = (middle, high) if p_d >= float(level) else (low, middle)
-        assert found == pytest.approx(math.pi * (low / 1e3) ** 2, rel=2e-3)
+
+        def above(distance, level=float(level)):
+            return s.model.p_d([distance, 0, 0, 0, 0, 0], s.radar) - level
+
+        farthest = brentq(above, 1e3, 1e7)
+        assert found == pytest.approx(math.pi * (farthest / 1e3) ** 2, rel=2e-3)
     assert result.summary["area_km2"] == 501**2 * 16
     assert result.summary["shown"] == "p_d"
     # the aircraft is at the radar in the cell in the middle, which is true of any map
@@ -382,13 +367,9 @@ def test_cells_beyond_the_table_of_the_rcs_are_counted(tmp_path):
     result = coverage_map(
         rs.parse_scenario(json.dumps(given)), north_km=(-200, 200), east_km=(-105, 105), step_km=10
     )
-    count = 0
-    for north in result.table["north_m"].tolist():
-        for east in result.table["east_m"].tolist():
-            below = [
-                math.hypot(north - r, east) * math.tan(math.pi / 6) < 20e3 for r in (-1e5, 1e5)
-            ]
-            count += any(below)
+    north, east = np.meshgrid(result.table["north_m"], result.table["east_m"])
+    near = 20e3 / math.tan(math.pi / 6)
+    count = np.count_nonzero(np.hypot(abs(north) - 1e5, east) < near)  # of the nearer radar
     assert f"in {count} of {result.table['p_d'].size} cells the aircraft sees a radar" in str(
         result.warnings
     )
@@ -517,13 +498,9 @@ def test_a_bound_that_is_shown_is_judged_where_the_moments_have_no_value():
         },
         analysis={"level": "s", "method": "automatic"},
     )
-    area = {"north_km": (30, 70), "east_km": (30, 70), "step_km": 5}
-    result = coverage_map(s, upper=True, **area)
+    result = coverage_map(s, upper=True, north_km=(30, 70), east_km=(30, 70), step_km=5)
     shown = result.table["upper_3sigma"].ravel()
-    states = np.zeros((shown.size, 6)) + s.aircraft[0]
-    states[:, :2] = np.stack(
-        np.meshgrid(result.table["north_m"], result.table["east_m"], indexing="ij"), -1
-    ).reshape(-1, 2)
+    states = poses_of(s, area.Grid(result.table["north_m"], result.table["east_m"]))
     true = propagate_scenario(s.at_states(states)).upper
     most = np.nanmax(abs(true - shown))
     assert most > 0.01
