@@ -1,8 +1,4 @@
-"""Missions of radars with different periods, against an implementation without sequences.
-
-The oracle treats each look and each pair of looks separately, draws every error, and draws every
-detection.
-"""
+"""Missions of radars with different periods, against an oracle that takes each look by itself."""
 
 from __future__ import annotations
 
@@ -14,7 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import cov_by_level, document, few_draws, lay_out, legend_off_data, mission, one_line
+from helpers import (
+    cov_by_level,
+    document,
+    few_draws,
+    lay_out,
+    legend_off_data,
+    mission,
+    one_line,
+    p_d_each,
+)
 
 import radar_sense as rs
 from radar_sense.mission import tracks
@@ -78,10 +83,6 @@ def write(folder, periods, tau=0.0, route=ROUTE, **changes):
 
 def load(folder, *args, **options):
     return rs.load_scenario(write(folder, *args, **options))
-
-
-def looks_of(s):
-    return Looks.of(s).scenario
 
 
 class Brute:
@@ -169,8 +170,7 @@ class Brute:
         return self.p_d(poses, states)
 
 
-#: Two periods; three, of which two have looks in common only at the start; and two radars that look
-#: together beside one that does not.
+#: Two periods; three; and two radars that look together beside one that does not.
 CASES = [
     {"far": 10, "near": 4},
     {"hill": 7, "far": 12, "near": 5},
@@ -267,16 +267,17 @@ def test_a_network_of_one_is_the_single_radar(tmp_path):
 
 def test_times_that_differ_by_rounding_are_one(tmp_path):
     assert 3 * 0.1 != 0.3
+    periods = {"far": 0.1, "hill": 0.3, "near": 0.2}
     route = f"{HEADER},{STD}\n" + "".join(
         f"{t},200e3,{100 * t},-8000,0,0,90,100,100,50,1,1,1\n" for t in (0, 0.3, 1.2)
     )
-    looks = looks_of(load(tmp_path, {"far": 0.1, "hill": 0.3, "near": 0.2}, route=route))
+    looks = Looks.of(load(tmp_path, periods, route=route)).scenario
     np.testing.assert_allclose(looks.axis.values, 0.1 * np.arange(13), rtol=1e-12)
     # at 1.6e9 s, where floats are 2e-7 s apart
-    late = route
-    for t in ("\n0,", "\n0.3,", "\n1.2,"):
-        late = late.replace(t, f"\n{1.6e9 + float(t[1:-1])!r},")
-    looks = looks_of(load(tmp_path, {"far": 0.1, "hill": 0.3, "near": 0.2}, route=late))
+    head, *rows = route.splitlines()
+    rows = [row.split(",", 1) for row in rows]
+    late = "\n".join([head, *(f"{1.6e9 + float(t)!r},{rest}" for t, rest in rows)])
+    looks = Looks.of(load(tmp_path, periods, route=late)).scenario
     assert len(looks.axis) == 13
 
 
@@ -313,9 +314,6 @@ def test_draws_depend_on_the_seed_and_not_on_the_workers(tmp_path):
         assert values.tobytes() == two[column].tobytes()
         drawn = column != "time_s" and "p_d" not in column
         assert drawn == (values.tobytes() != other[column].tobytes())
-
-
-# The command.
 
 
 def test_report_and_record(tool, tmp_path):
@@ -372,9 +370,6 @@ def test_layout(tmp_path, runs, m_of_n, periods):
     assert len(set(labels)) == len(labels)
 
 
-# The worked mission.
-
-
 def test_the_route_of_the_corridor_is_what_its_script_makes():
     made = runpy.run_path(str(CONFIGS / "make_corridor_route.py"))["text"]()
     assert (CONFIGS / "corridor_route.csv").read_text() == made
@@ -415,16 +410,7 @@ def test_the_numbers_of_the_corridor_example(monkeypatch):
     attitude = wgs84.turned_attitude(s.aircraft[:, 3:], np.swapaxes(turn, -1, -2))
     attitude[:, 0] = 0
     level = np.hstack([s.aircraft[:, :3], wgs84.turned_attitude(attitude, turn)])
-    banked, flat = (
-        np.stack(
-            [
-                radar.model.p_d(states, s.radar[4 * i : 4 * i + 4])
-                for i, radar in enumerate(s.model.radars)
-            ],
-            axis=-1,
-        )
-        for states in (s.aircraft, level)
-    )
+    banked, flat = (p_d_each(s.model, states, s.radar) for states in (s.aircraft, level))
     for at, radar, expected in ((816, 2, (0.044, 0.009)), (1776, 1, (0.034, 0.006)),
                                 (2688, 0, (0.020, 0.006))):  # fmt: skip
         now = time == at

@@ -44,9 +44,6 @@ def m_within_n(m, n):
     )
 
 
-# Detection.
-
-
 def test_the_probability_of_a_detection_in_both_tails():
     rng = np.random.default_rng(1)
     p_d = np.concatenate([10 ** rng.uniform(-300, -1, 40), rng.uniform(0, 1, 20)])
@@ -68,9 +65,6 @@ def test_one_of_n_is_a_detection():
     for n in (1, 4):
         detection, track = events([p_d], 1, n)
         np.testing.assert_allclose(track, detection, rtol=1e-13)
-
-
-# m of n.
 
 
 @pytest.mark.parametrize(
@@ -116,9 +110,6 @@ def test_no_probability_of_a_track_exceeds_one():
         for found in events(groups, 2, 4, np.ones((len(groups[0]), len(groups)), dtype=bool)):
             assert found.max() <= 1
             assert np.diff(found, axis=0).min() >= -1e-15
-
-
-# Poses.
 
 
 def random_covariance(rng, std):
