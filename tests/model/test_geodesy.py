@@ -1,9 +1,4 @@
-"""Latitude, longitude and height to a local frame: against the definitions, in fifty digits.
-
-The oracle has no formula in common with the code. A geodetic position is, by its definition, a
-point of the ellipsoid plus its height along the ellipsoid's normal there; the point is found from
-the direction of the normal alone.
-"""
+"""Latitude, longitude and height to a local frame: against the definitions, in fifty digits."""
 
 import numpy as np
 import pytest
@@ -28,15 +23,9 @@ def by_definition(latitude, longitude, height):
 
 
 def places(count, seed=0, low=-1e4, high=1e5):
-    rng = np.random.default_rng(seed)
-    return np.stack(
-        [
-            rng.uniform(-np.pi / 2, np.pi / 2, count),
-            rng.uniform(-np.pi, np.pi, count),
-            rng.uniform(low, high, count),
-        ],
-        axis=-1,
-    )
+    half = np.pi / 2
+    lowest, highest = [-half, -np.pi, low], [half, np.pi, high]
+    return np.random.default_rng(seed).uniform(lowest, highest, (count, 3))
 
 
 def test_derived_constants_are_the_published_ones():
@@ -80,13 +69,11 @@ def test_a_published_example():
     ("low", "high", "height"), [(-1e6, -1e4, 1e-8), (-1e4, 1e5, 1e-8), (1e5, 1e8, 6e-8)]
 )
 def test_there_and_back(low, high, height):
-    there = places(50_000, 2, low, high)
+    """To 6 nm on the ground."""
+    there = places(20_000, 2, low, high)
     there[:4, 0] = [0.0, np.pi / 2, -np.pi / 2, 1e-300]
     back = wgs84.geodetic_from_ecef(wgs84.ecef_from_geodetic(there))
-    off = np.abs(back - there)
-    assert np.max(off[:, 0]) < 1e-15  # 6 nm on the ground
-    assert np.max(off[:, 1]) < 1e-14
-    assert np.max(off[:, 2]) < height
+    assert np.all(np.max(np.abs(back - there), axis=0) < [1e-15, 1e-14, height])
 
 
 def test_there_and_back_by_way_of_an_origin():

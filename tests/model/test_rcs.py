@@ -37,7 +37,7 @@ def by_support(semi_axes, body):
 
 def test_against_fifty_digits():
     rng = np.random.default_rng(1)
-    for _ in range(200):
+    for _ in range(80):
         axes = 10.0 ** rng.uniform(-2, 2, 3)
         body = rng.normal(size=3) * 10.0 ** rng.uniform(-3, 6, 3)
         sigma, gradient = rs.ExactEllipsoidRCS(*axes).linearize(body)
@@ -69,12 +69,6 @@ def test_along_an_axis_the_rcs_follows_the_curvature(axis, name):
         sigma, gradient = EXACT.linearize(sign * np.eye(3)[axis])
         assert sigma == pytest.approx(expected, rel=1e-14)
         assert np.all(gradient == 0)
-
-
-def test_equal_axes_are_a_sphere():
-    sigma, gradient = rs.ExactEllipsoidRCS(0.3, 0.3, 0.3).linearize(np.array([1.0, 2.0, 3.0]))
-    assert sigma == pytest.approx(np.pi * 0.09, rel=1e-15)
-    assert np.all(gradient == 0)
 
 
 def test_the_papers_ellipsoid_is_exact_at_elevation_zero_and_abeam():
@@ -132,6 +126,10 @@ def test_the_exact_ellipsoid_is_smooth_straight_above():
     sigma, gradient = EXACT.linearize(directed)
     np.testing.assert_allclose(sigma, sigma[1], rtol=1e-12)
     np.testing.assert_allclose(gradient, gradient[[1, 1, 1]], atol=1e-6)
+    # Equal axes are a sphere.
+    sigma, gradient = rs.ExactEllipsoidRCS(0.3, 0.3, 0.3).linearize(np.array([1.0, 2.0, 3.0]))
+    assert sigma == pytest.approx(np.pi * 0.09, rel=1e-15)
+    assert np.all(gradient == 0)
 
 
 class Plate:

@@ -1,7 +1,4 @@
-"""The error of the RCS: its factor, its gradient, and the standard deviation by aspect of a table.
-
-Oracles are plain formulas, or a radar whose data sheet has the same error in another place.
-"""
+"""The error of the RCS: its factor, its gradient, and the standard deviation of a table."""
 
 from __future__ import annotations
 
@@ -17,6 +14,7 @@ from helpers import (
     scenario,
     scenario_of,
     sheet_document,
+    single,
     with_arrays,
     write,
     write_path,
@@ -25,6 +23,7 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 import radar_sense as rs
+from radar_sense.model.detectors import required_snr
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS
@@ -126,17 +125,11 @@ def test_the_standard_deviation_of_a_table_is_exact_at_its_nodes():
     assert_allclose(one.snr(aircraft, half), other.snr(aircraft, whole), rtol=1e-12)
 
 
-@pytest.mark.parametrize(("detector", "sigma"), [("marcum", 0.2348), ("swerling1", 0.0758)])
+@pytest.mark.parametrize(("detector", "sigma"), [(rs.Marcum, 0.2348), (rs.Swerling1, 0.0758)])
 def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
-    model = rs.DetectionModel(ConstantRCS(1.0), 1e-6, rs.Marcum())
-    if detector == "swerling1":
-        model = dataclasses.replace(model, detector=rs.Swerling1())
+    model = rs.DetectionModel(ConstantRCS(1.0), 1e-6, detector())
     aircraft = np.array([[1e5, 0, 0, 0, 0, 0]])
-    low, high = 1e-6, 1.0
-    for _ in range(60):
-        middle = np.sqrt(low * high)
-        above = model.p_d(aircraft, np.array([0, 0, 0, middle]))[0] > 0.5
-        low, high = (low, middle) if above else (middle, high)
+    low = required_snr(model.detector, 1e-6, 0.5) / model.snr(aircraft, [0, 0, 0, 1.0])[0]
     nothing = np.zeros((6, 6)), {"one": np.zeros((4, 4))}
     s = scenario_of(model, [0, 0, 0, low], aircraft, *nothing, rcs_db=1.0)
     moments = propagate_scenario(s, method="linear")
@@ -164,11 +157,8 @@ def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
     content = sheet_document(tolerances={"loss_db": 0})
     content["uncertainty"]["aircraft"]["rcs_db"] = 1.5
     of_rcs = rs.parse_scenario(yaml_text(content))
-    pair = []
-    for s in (of_loss, of_rcs):
-        (radar,) = s.model.radars
-        network = NetworkModel((Radar(radar.model, **limits),))
-        pair.append(with_arrays(s, model=network))
+    limited = NetworkModel((Radar(single(of_rcs), **limits),))
+    pair = [with_arrays(s, model=limited) for s in (of_loss, of_rcs)]
     one, other = (propagate_scenario(s, method=method) for s in pair)
     for field in ("p_d", "mean", "std", "lower", "upper"):
         assert_allclose(getattr(one, field), getattr(other, field), rtol=1e-5, atol=1e-9)
@@ -297,7 +287,7 @@ def test_the_classes_refuse_what_the_reader_refuses():
     model = rs.DetectionModel(ConstantRCS(1.0), 1e-6)
     with pytest.raises(ValueError, match="got nan for the error of the RCS"):
         model.p_d(np.ones(6), np.array([0, 0, 0, 1, np.nan, 0, 0]))
-    for network, sizes in ((NetworkModel((Radar(model),)), (3, 6)), (model, (3, 6))):
-        for size in sizes:
+    for network in (NetworkModel((Radar(model),)), model):
+        for size in (3, 6):
             with pytest.raises(ValueError, match="radar states must have shape"):
                 network.p_d(np.ones(6), np.zeros(size))

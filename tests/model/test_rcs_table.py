@@ -59,9 +59,6 @@ def own_spline(table):
     return independent.table(*(None if x is None else x.copy() for x in nodes))
 
 
-# The interpolation.
-
-
 def test_a_cut_is_exact_at_its_nodes_at_every_elevation():
     rng = np.random.default_rng(1)
     for _ in range(20):
@@ -142,10 +139,6 @@ def test_the_gradient_is_that_of_the_cross_section(kind):
     np.testing.assert_allclose(across, 0, atol=1e-10)
 
 
-def difference_step(table, edge):
-    return table.linearize(direction(np.array(0.3), edge + np.array([-1e-7, 1e-7])))
-
-
 def test_beyond_its_elevations_a_grid_is_constant_and_smooth():
     rng = np.random.default_rng(6)
     table = grid(rng)
@@ -153,7 +146,8 @@ def test_beyond_its_elevations_a_grid_is_constant_and_smooth():
     for edge, beyond in ((60, 89), (-40, -89)):
         here, there = (table.cross_section(direction(azimuth, e * DEG)) for e in (edge, beyond))
         np.testing.assert_allclose(there, here, rtol=1e-12)
-        (inside, outside), gradients = difference_step(table, edge * DEG)
+        around = direction(np.array(0.3), edge * DEG + np.array([-1e-7, 1e-7]))
+        (inside, outside), gradients = table.linearize(around)
         assert inside == pytest.approx(outside, rel=1e-9)
         np.testing.assert_allclose(*gradients, atol=1e-4 * inside)
 
@@ -185,23 +179,15 @@ def test_a_table_with_jumps_is_positive_everywhere():
     assert np.all(np.isfinite(sigma))
 
 
-def test_nan_in_nan_out():
-    rng = np.random.default_rng(9)
-    for table in (cut(rng), grid(rng)):
-        sigma = table.cross_section(np.array([[np.nan, 1, 1], [1.0, 1, 1]]))
-        assert np.isnan(sigma).tolist() == [True, False]
-
-
-def test_shapes():
+def test_shapes_and_nan():
     rng = np.random.default_rng(10)
     for table in (cut(rng), grid(rng)):
         for shape in ((), (1,), (0,), (2, 3)):
             sigma, gradient = table.linearize(rng.normal(size=(*shape, 3)))
             assert np.shape(sigma) == shape
             assert np.shape(gradient) == (*shape, 3)
-
-
-# The envelope.
+        sigma = table.cross_section(np.array([[np.nan, 1, 1], [1.0, 1, 1]]))
+        assert np.isnan(sigma).tolist() == [True, False]
 
 
 def lobes(rng, **options):
@@ -242,17 +228,13 @@ def within(rng, azimuth, elevation, width):
     ("kind", "narrow"),
     [
         ("cut", 1e-3),
-        ("cut", 4 * DEG),
         ("lobes", 1 * DEG),
         ("part", 1e-3),
         ("to the poles", 4 * DEG),
     ],
 )
 def test_the_envelope_is_never_below_the_table_within_its_angle(kind, narrow):
-    """200,000 random directions in all, of which some are at nodes of the table.
-
-    An envelope of a narrow angle has many cells, and takes half a second.
-    """
+    """At random directions, of which some are at nodes of the table."""
     rng = np.random.default_rng(11)
     for width in (narrow, 1.2):
         state = rng.bit_generator.state
@@ -260,10 +242,8 @@ def test_the_envelope_is_never_below_the_table_within_its_angle(kind, narrow):
         rng.bit_generator.state = state
         table = TABLES[kind](rng, envelope=width)
         sigma = own_spline(plain)
-        azimuth, elevation = (
-            rng.uniform(-np.pi, np.pi, 20_000),
-            np.arcsin(rng.uniform(-1, 1, 20_000)),
-        )
+        azimuth = rng.uniform(-np.pi, np.pi, 20_000)
+        elevation = np.arcsin(rng.uniform(-1, 1, 20_000))
         if plain.elevation is not None:
             elevation[::2] = rng.choice(plain.elevation, 10_000)
         azimuth[::3] = rng.choice(plain.azimuth, len(azimuth[::3]))
@@ -283,6 +263,12 @@ def test_the_envelope_is_not_loose():
     found = table.cross_section(direction(azimuth, elevation))
     # Measured: 1.0 dB.
     assert np.mean(10 * np.log10(found / largest)) < 1.2
+    # That of a constant is the constant.
+    values, elevation = np.full((36, 7), 0.25), np.linspace(-90, 90, 7) * DEG
+    constant = rs.TableRCS(np.arange(36) * 10 * DEG, values, elevation, 0.3)
+    sigma, gradient = constant.linearize(rng.normal(size=(200, 3)))
+    np.testing.assert_allclose(sigma, 0.25, rtol=2e-12)  # the margin for rounding
+    np.testing.assert_allclose(gradient, 0, atol=1e-10)
 
 
 def test_the_envelope_has_one_value_straight_above_and_below():
@@ -296,14 +282,6 @@ def test_the_envelope_has_one_value_straight_above_and_below():
         )
         # 1.6e-5 rad away, where the slope is some 1e3 as large
         assert np.max(abs(table.linearize(near)[1])) < 0.1
-
-
-def test_the_envelope_of_a_constant_is_the_constant():
-    values = np.full((36, 7), 0.25)
-    table = rs.TableRCS(np.arange(36) * 10 * DEG, values, np.linspace(-90, 90, 7) * DEG, 0.3)
-    sigma, gradient = table.linearize(np.random.default_rng(0).normal(size=(200, 3)))
-    np.testing.assert_allclose(sigma, 0.25, rtol=2e-12)  # the margin for rounding
-    np.testing.assert_allclose(gradient, 0, atol=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -326,11 +304,13 @@ def test_bad_arrays_are_refused(arguments, words):
         rs.TableRCS(*arguments)
 
 
-# In a scenario.
-
-
-G = ["azimuth_deg,elevation_deg,rcs_m2"]
 A = ["azimuth_deg,rcs_m2"]
+
+
+def flat(low, high, step=2):
+    """Rows of a table of 1 m² between two elevations [deg]."""
+    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(low, high + 1, step)]
+    return ["azimuth_deg,elevation_deg,rcs_m2", *rows]
 
 
 def write(path, *rows):
@@ -409,8 +389,7 @@ def test_bad_entries_are_refused(here, entry, words):
 
 
 def test_a_table_that_the_geometry_leaves_is_refused(here):
-    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-10, 31, 10)]
-    write(here / "t.csv", *G, *rows)
+    write(here / "t.csv", *flat(-10, 30, 10))
     entry = {"model": "table", "file": "t.csv"}
     scenario(aircraft__rcs=entry)
     with pytest.raises(rs.InputError) as caught:
@@ -424,9 +403,6 @@ def test_a_table_that_the_geometry_leaves_is_refused(here):
         scenario(aircraft__rcs=entry, aircraft__attitude_deg=[-20, 0, 90])
     write(here / "t.csv", *A, *full())
     scenario(aircraft__rcs=entry, geometry__down_km=-300)  # a cut is for all elevations
-
-
-# The folder of scenarios, and the command.
 
 
 def test_the_script_makes_the_synthetic_table(here):
@@ -478,19 +454,19 @@ def test_the_command_writes_a_table_that_can_be_read_again(tool, tmp_path):
 
 
 def test_the_command_says_where_draws_leave_the_table(tool, here):
-    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-4, 31, 2)]
     path = in_folder(here)
-    write(path.parent / "t.csv", *G, *rows)
+    write(path.parent / "t.csv", *flat(-4, 30))
     _, _, err = tool("rcs", path, "--no-plot")
     assert err == ""
-    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-2, 31, 2)]
-    write(path.parent / "t.csv", *G, *rows)
+    write(path.parent / "t.csv", *flat(-2, 30))
     _, _, err = tool("rcs", path, "--no-plot")
     assert "the RCS table covers elevations from -2 to 30 deg; states within 3 sigma are" in err
 
 
 def test_the_summary_of_the_rcs():
-    """Straight above is the end of the longest axis, where the RCS is smallest."""
+    """Straight above, which has no azimuth, is the end of the longest axis."""
+    up = directions(np.arange(-180.0, 180, 30), np.array(90.0))
+    np.testing.assert_array_equal(up, np.tile([0, 0, -1], (12, 1)))
     rcs = {"model": "ellipsoid_exact", "x_m": 0.2, "y_m": 0.15, "z_m": 0.3}
     result = analyses.rcs(scenario(aircraft__rcs=rcs))
     smallest, largest = result.summary["smallest"], result.summary["largest"]
@@ -504,36 +480,24 @@ def test_the_summary_of_the_rcs():
     assert result.summary["horizon_mean_m2"] == pytest.approx(mean, rel=1e-12)
 
 
-def test_directions_straight_up_have_no_azimuth():
-    up = directions(np.arange(-180.0, 180, 30), np.array(90.0))
-    assert np.all(up[:, :2] == 0)
-    assert np.all(up[:, 2] == -1)
-
-
 def share_beyond(pose, s, low, high):
     """Return the share of draws with an elevation beyond two limits, to first order."""
+    states = np.concatenate([pose, s.radar])
+    deviations = np.sqrt(np.concatenate([np.diag(s.cov_aircraft), np.diag(s.cov_radar)]))
 
-    def elevation(aircraft, radar):
-        x, y, z = body_vector(aircraft, radar)
+    def elevation(states):
+        x, y, z = np.moveaxis(body_vector(states[..., :6], states[..., 6:]), -1, 0)
         return np.arctan2(-z, np.hypot(x, y))
 
-    variance = 0.0
-    for i, std in enumerate(np.sqrt(np.diag(s.cov_aircraft))):
-        step = 1e-4 * std * np.eye(6)[i]
-        slope = elevation(pose + step, s.radar) - elevation(pose - step, s.radar)
-        variance += (slope / 2e-4) ** 2
-    for i, std in enumerate(np.sqrt(np.diag(s.cov_radar))):
-        step = 1e-4 * std * np.eye(4)[i]
-        slope = elevation(pose, s.radar + step) - elevation(pose, s.radar - step)
-        variance += (slope / 2e-4) ** 2
-    at, std = elevation(pose, s.radar), np.sqrt(variance)
+    steps = 1e-4 * np.diag(deviations)
+    slopes = (elevation(states + steps) - elevation(states - steps)) / 2e-4
+    at, std = elevation(states), np.linalg.norm(slopes)
     return ndtr((low - at) / std) + ndtr((at - high) / std)
 
 
 def test_draws_beyond_the_table_are_counted(here):
     """Elevation is −0.74 deg, 1 deg is its deviation: 10.4 % of the draws are below −2 deg."""
-    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-2, 31, 2)]
-    write(here / "t.csv", *G, *rows)
+    write(here / "t.csv", *flat(-2, 30))
     change = {
         "aircraft__rcs": {"model": "table", "file": "t.csv"},
         "geometry__azimuth_deg": {"start": 0, "stop": 40, "step": 10},
@@ -550,14 +514,12 @@ def test_draws_beyond_the_table_are_counted(here):
     assert count == pytest.approx(s.runs * sum(beyond), rel=0.05)
     # to first order, with every pose's sigma of the elevation by differences
     for low, high in ((-2, 30), (-30, 0)):
-        rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(low, high + 1, 2)]
-        write(here / "t.csv", *G, *rows)
+        write(here / "t.csv", *flat(low, high))
         exact = sum(share_beyond(pose, s, low * DEG, high * DEG) for pose in s.aircraft)
         (line,) = table_warnings(scenario(**change), runs=10**7)
         assert f"about {10**7 * exact:,.0f}"[:11] == line[line.index("about ") :][:11]
     assert "5 of 5 poses" in words
     for analysis in (analyses.variance, analyses.sensitivity, analyses.budget):
         assert any("5 of 5 poses" in warning for warning in analysis(s).warnings)
-    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-10, 31, 2)]
-    write(here / "t.csv", *G, *rows)
+    write(here / "t.csv", *flat(-10, 30))
     assert not any("RCS table" in w for w in analyses.montecarlo(scenario(**change)).warnings)

@@ -1,7 +1,4 @@
-"""The attitude of a track, and routes interpolated in time.
-
-Attitudes from the track are checked on paths whose attitude is known exactly.
-"""
+"""The attitude of a track, on paths whose attitude is known, and routes interpolated in time."""
 
 import math
 import re
@@ -29,14 +26,12 @@ from radar_sense.model.track import attitude_from_motion, motion_of_samples
 from radar_sense.model.trajectory import resample
 
 G = 9.80665
+FULL = ",".join([HEAD, *ATTITUDE])
 
 
 @pytest.fixture(autouse=True)
 def in_its_own_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-
-# Attitude from the track.
 
 
 def test_a_straight_climb_has_its_course_and_climb_and_no_bank():
@@ -53,13 +48,10 @@ def helix(time, *, speed, radius, climb, right=True):
     turn = (speed if right else -speed) / radius
     angle = turn * time
     position = np.stack([np.sin(angle), 1 - np.cos(angle), 0 * time], axis=-1) * radius
-    if not right:
-        position = -position
+    position *= 1 if right else -1
     position[:, 2] = -climb * time
-    course = angle
-    bank = math.atan(speed * turn / G)
-    pitch = math.atan2(climb, speed)
-    return position, np.stack([0 * time + bank, 0 * time + pitch, course], axis=-1)
+    bank, pitch = math.atan(speed * turn / G), math.atan2(climb, speed)
+    return position, np.stack([0 * time + bank, 0 * time + pitch, angle], axis=-1)
 
 
 def wrapped(angle):
@@ -98,16 +90,15 @@ def test_turns_converge_with_the_square_of_the_step(right, climb, times):
 def test_a_parabola_and_a_cubic_are_exact():
     rng = np.random.default_rng(4)
     time = np.cumsum(rng.uniform(0.1, 3.0, 30))
-    north, east = 100.0 * time, 0.02 * time**3 - time**2
-    roll, _, _ = attitude_from_motion(
-        *motion_of_samples(time, np.stack([north, east, 0 * time], -1))
-    ).T
-    # Acceleration of a cubic is found exactly, velocity not, so the bank is compared as a_e alone.
-    _, acceleration = motion_of_samples(time, np.stack([north, east, 0 * time], -1))
-    np.testing.assert_allclose(acceleration[:, 1], 0.12 * time - 2, atol=1e-10)
-    velocity, _ = motion_of_samples(time, np.stack([north, time**2, 0 * time], -1))
-    np.testing.assert_allclose(velocity[:, 1], 2 * time, atol=1e-10)
-    assert np.sign(roll[0]) == -1
+
+    def motion(east):
+        return motion_of_samples(time, np.stack([100.0 * time, east, 0 * time], -1))
+
+    # The acceleration of a cubic is found exactly, its velocity is not.
+    cubic = motion(0.02 * time**3 - time**2)
+    np.testing.assert_allclose(cubic[1][:, 1], 0.12 * time - 2, atol=1e-10)
+    np.testing.assert_allclose(motion(time**2)[0][:, 1], 2 * time, atol=1e-10)
+    assert attitude_from_motion(*cubic)[0, 0] < 0
 
 
 def test_acceleration_is_between_those_measured_around_it():
@@ -158,9 +149,6 @@ def test_a_hovering_aircraft_keeps_the_last_course_and_is_level():
         attitude_from_motion(*upwards)
 
 
-# Interpolation.
-
-
 def corner():
     return load("time_s,north_m,east_m,down_m\n0,0,0,0\n10,1000,0,-100\n20,1000,2000,-100\n")
 
@@ -196,8 +184,7 @@ def test_the_last_pose_is_always_there(method):
     path = load("time_s,north_m,east_m,down_m\n1e9,0,0,0\n1000000000.3,90,0,0\n")
     found = resample(path, 0.1, method).time_s - 1e9
     np.testing.assert_allclose(found, [0, 0.1, 0.2, 0.3], atol=1e-6)
-    header = ",".join(["time_s", "north_m", "east_m", "down_m", *ATTITUDE])
-    path = load(f"{header}\n0,0,0,0,0,0,0\n0.3,9,0,0,0,0,0\n")
+    path = load(f"{FULL}\n0,0,0,0,0,0,0\n0.3,9,0,0,0,0,0\n")
     assert resample(path, 0.1).time_s[-1] == 0.3  # and not 3 · 0.1 = 0.30000000000000004
 
 
@@ -236,8 +223,7 @@ def test_a_smooth_path_does_not_leave_the_heights_of_its_samples(sign):
 
 
 def test_given_attitudes_turn_the_short_way_at_a_constant_rate():
-    header = ",".join(["time_s", "north_m", "east_m", "down_m", *ATTITUDE])
-    path = load(f"{header}\n0,0,0,0,0,0,170\n4,9,0,0,0,0,-170\n8,9,0,0,0,0,-170\n")
+    path = load(f"{FULL}\n0,0,0,0,0,0,170\n4,9,0,0,0,0,-170\n8,9,0,0,0,0,-170\n")
     for method in ("legs", "smooth"):
         found = resample(path, 1.0, method)
         assert found.attitude_given
@@ -245,7 +231,7 @@ def test_given_attitudes_turn_the_short_way_at_a_constant_rate():
         np.testing.assert_allclose(wrapped(found.aircraft[:, 5] - yaw), 0.0, atol=1e-12)
         np.testing.assert_allclose(found.aircraft[:, 3:5], 0.0, atol=1e-15)
     # Over the top: half a looping ends on its back, heading the other way.
-    path = load(f"{header}\n0,0,0,0,0,60,0\n2,9,0,0,180,60,180\n")
+    path = load(f"{FULL}\n0,0,0,0,0,60,0\n2,9,0,0,180,60,180\n")
     middle = resample(path, 1.0).aircraft[1, 3:]
     nose = wgs84.body_axes(middle)[0]
     np.testing.assert_allclose(nose, [0, 0, -1], atol=1e-15)
@@ -304,8 +290,7 @@ def test_a_flight_in_latitude_and_longitude_can_be_smooth(method):
 
 
 def test_one_pose_stays_one_pose():
-    header = ",".join(["time_s", "north_m", "east_m", "down_m", *ATTITUDE])
-    path = load(f"{header}\n3,1,2,3,4,5,6\n")
+    path = load(f"{FULL}\n3,1,2,3,4,5,6\n")
     same(resample(path, 1.0), path)
 
 
