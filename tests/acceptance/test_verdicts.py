@@ -10,6 +10,7 @@ import pytest
 from helpers import cov_by_level, scenario, sheet_scenario, single, with_arrays, write_path
 from reference import reading
 from scipy.optimize import minimize_scalar
+from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -81,8 +82,7 @@ def test_the_bound_and_the_probability_agree(method):
         upper = propagate_scenario(s, method=method, beta=k).upper
         of = [distribution(s.at_poses(np.array([i])), method) for i in range(len(upper))]
         found = [one.exceedance(u)[0] for one, u in zip(of, upper, strict=True)]
-        tail = 0.5 * math.erfc(k / math.sqrt(2))
-        np.testing.assert_allclose(found, tail, rtol=0.02)
+        np.testing.assert_allclose(found, ndtr(-k), rtol=0.02)
 
 
 def test_without_uncertainty_the_probability_is_zero_or_one():
@@ -104,7 +104,7 @@ def test_draws_decide():
     """Compare with the quantiles of a plain loop, and with limits just above and below."""
     s = scenario(geometry__azimuth_deg=FEW).with_analysis(level="high")
     p_d = drawn_p_d(s, 40_000)
-    tail = 0.5 * math.erfc(2 / math.sqrt(2))
+    tail = ndtr(-2)
     for pose in range(2):
         one = s.at_poses(np.array([pose]))
         quantile = np.quantile(p_d[:, pose], 1 - tail)
@@ -273,48 +273,17 @@ def test_the_refined_path_is_within_its_tolerance(tmp_path):
     assert again.added == 0
 
 
-def shaped(p_d, upper=None):
-    """A method whose P_D and bound are these functions of the time."""
-
-    def propagate(s):
-        p, u = p_d(s.time_s), (upper or p_d)(s.time_s)
-        return Band(p_d=p, lower=p, upper=u, error=np.zeros(len(p)))
-
-    return propagate
-
-
-def far(tmp_path, rows=5):
-    """A path of rows 10 s apart, so far from the radar that only P_D asks for more poses."""
-    lines = "".join(f"{10 * k},400000,{1000 * k},-9000\n" for k in range(rows))
-    return past(tmp_path, "time_s,north_m,east_m,down_m\n" + lines, aircraft__rcs=CONSTANT)
-
-
-@pytest.mark.parametrize("of", ["p_d", "upper"])
-def test_a_step_is_halved_where_a_parabola_leaves_its_line_by_more_than_the_tolerance(tmp_path, of):
-    """The parabola a t² leaves its chord over h by a h²/4."""
-    s, line = far(tmp_path), np.zeros_like
-    functions = {"p_d": line, "upper": line, of: lambda t: 1e-4 * t**2}
-    propagate = shaped(**functions)
-    off = 1e-4 * 10**2 / 4
-    for tolerance, added in ((1.01 * off, 0), (0.99 * off, 4), (0.24 * off, 12)):
-        assert refinement.refined(s, propagate(s), propagate, tolerance).added == added
-
-
-def test_both_steps_at_a_kink_are_halved(tmp_path):
-    s = far(tmp_path, rows=7)
-    propagate = shaped(lambda t: abs(t - 30.0) / 60)
-    # second difference at the kink: 2 / 60 / 10; the estimate of both steps is h²/8 of it
-    estimate = 10**2 / 8 * 2 / 60 / 10
-    found = refinement.refined(s, propagate(s), propagate, 0.6 * estimate)
-    assert found.scenario.time_s.tolist() == [0, 10, 20, 25, 30, 35, 40, 50, 60]
-
-
 def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
     monkeypatch.setattr(refinement, "MAX_POSES", 40)
-    s = far(tmp_path)
-    noise = np.random.default_rng(0)
-    propagate = shaped(lambda t: noise.random(len(t)))
-    found = refinement.refined(s, propagate(s), propagate, 0.001)
+    rows = "".join(f"{10 * k},400000,{1000 * k},-9000\n" for k in range(5))
+    s = past(tmp_path, "time_s,north_m,east_m,down_m\n" + rows, aircraft__rcs=CONSTANT)
+    rng = np.random.default_rng(0)
+
+    def noise(s):
+        p_d = rng.random(len(s.axis))
+        return Band(p_d=p_d, lower=p_d, upper=p_d, error=np.zeros(len(p_d)))
+
+    found = refinement.refined(s, noise(s), noise, 0.001)
     assert not found.resolved
     assert len(found.scenario.axis) < 40
     words = "P_D is not resolved by 40 poses: choose steps with geometry."
@@ -323,8 +292,8 @@ def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
     assert refinement.unresolved(orbit) == f"{words}azimuth_deg"
     # more than these are not computed
     monkeypatch.setattr(refinement, "places", lambda s: np.linspace(0, 40, 50))
-    flat, counted = shaped(lambda t: 0 * t), []
-    assert not refinement.refined(s, flat(s), counted.append, 0.001).resolved
+    counted = []
+    assert not refinement.refined(s, noise(s), counted.append, 0.001).resolved
     assert not counted
 
 
@@ -389,7 +358,7 @@ def test_a_bound_for_another_distribution_of_the_constant_is_not_known():
     radar[:, 3] *= np.maximum(1 + 0.3 * rng.standard_normal(len(radar)), 0)
     std = np.sqrt(np.diag(s.cov_aircraft))
     p_d = s.model.p_d(s.aircraft + std * rng.standard_normal((len(radar), 6)), radar)
-    upper = np.quantile(p_d, 0.5 * math.erfc(-3 / math.sqrt(2)))
+    upper = np.quantile(p_d, ndtr(3))
     found = propagate_scenario(s, method="automatic")
     assert found.upper[0] == pytest.approx(upper, abs=0.01)
     assert propagate_scenario(s, method="form").upper[0] > upper + 0.2
@@ -422,8 +391,8 @@ def test_draws_decide_where_form_is_unreliable():
         geometry__azimuth_deg={"start": 47, "stop": 47, "step": 3},
     )
     assert isinstance(single(s).rcs, SpikeballRCS)
-    p_d = drawn_p_d(s, 200_000)
-    upper = np.quantile(p_d, 1 - 0.5 * math.erfc(3 / math.sqrt(2)))
+    p_d = drawn_p_d(s, 100_000)
+    upper = np.quantile(p_d, ndtr(3))
     for p_max in (upper + 0.02, upper - 0.02):
         result = analyses.variance(s, method="automatic", threshold=p_max)
         test = result.summary["threshold"]
@@ -444,16 +413,9 @@ def test_how_small_a_source_must_be_for_the_bound(threshold):
             assert source != "all"
         elif math.isfinite(accuracy.factor):
             assert accuracy.residual == pytest.approx(threshold, abs=1e-6)
-    radar = cov_by_level(s)["medium"] * found["all"].factor ** 2
-    scaled = rs.propagate(
-        s.model,
-        s.aircraft,
-        s.radar,
-        s.cov_aircraft * found["all"].factor ** 2,
-        radar,
-        method="form",
-    )
-    assert scaled.upper.max() == pytest.approx(threshold, abs=1e-6)
+    scaled = [cov * found["all"].factor ** 2 for cov in (s.cov_aircraft, s.cov_radar)]
+    band = rs.propagate(s.model, s.aircraft, s.radar, *scaled, method="form")
+    assert band.upper.max() == pytest.approx(threshold, abs=1e-6)
 
 
 @pytest.mark.usefixtures("few_judge")

@@ -60,10 +60,8 @@ def test_value_slope_and_probit_in_both_tails(detector):
             which = int(exact[1] < exact[0])
             exact_slope = slope(tails, snr, p_fa, which)
             tiny = exact[which] < mpf("1e-300")
-            p_d, (from_z, by_snr) = (
-                found.p_d(np.array([snr]), p_fa),
-                linearize(found, np.array([snr]), p_fa),
-            )
+            p_d = found.p_d(np.array([snr]), p_fa)
+            from_z, by_snr = linearize(found, np.array([snr]), p_fa)
             z, z_by_snr = (mpf(float(v[0])) for v in found.linearize_probit(np.array([snr]), p_fa))
             case = f"S = {snr!r}, P_fa = {p_fa!r}"
             assert abs(p_d[0] - exact[0]) <= mpf("1e-13") * exact[0], case
