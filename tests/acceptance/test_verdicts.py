@@ -187,10 +187,9 @@ def test_the_probability_anywhere(tmp_path, tau):
 
 
 @pytest.mark.usefixtures("few_judge")
-@pytest.mark.parametrize("rcs", ["ellipsoid", "constant"])
-def test_a_threshold_is_tested_between_waypoints(tmp_path, rcs):
+def test_a_threshold_is_tested_between_waypoints(tmp_path):
     """P_D is below 0.1 at both rows of the route, and near 1 between the rows."""
-    s = past(tmp_path, **({} if rcs == "ellipsoid" else {"aircraft__rcs": CONSTANT}))
+    s = past(tmp_path)
     assert propagate_scenario(s).upper.max() < 0.1
     result = analyses.variance(s, method="form", threshold=0.1)
     test = result.summary["threshold"]

@@ -192,16 +192,6 @@ def test_bounds_grow_with_time_and_have_standard_errors(tmp_path):
 
 
 @pytest.mark.usefixtures("_fewer_draws")
-def test_the_same_bytes_for_any_number_of_workers(tmp_path):
-    looks = Looks.of(load(tmp_path, ["one", "two", "three"], 60.0))
-    one, two = (recombined_missions(looks, (2, 3), workers=w) for w in (1, 3))
-    for a, b in zip(one, two, strict=True):
-        for x, y in zip(a, b, strict=True):
-            for name in ("upper", "lower_se", "std"):
-                assert getattr(x, name).tobytes() == getattr(y, name).tobytes()
-
-
-@pytest.mark.usefixtures("_fewer_draws")
 def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
     certain = {"position_m": 0, "attitude_deg": 0}
     s = load(tmp_path, ["one", "two"], 60.0, uncertainty={"aircraft": certain})
