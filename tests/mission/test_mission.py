@@ -225,8 +225,8 @@ def test_report(tool):
         if before:
             columns |= {"mean": "mean_track", "sigma": "sigma_track"}
         assert summary[event]["at_end"] == {key: found[c][-1] for key, c in columns.items()}
-        off = [abs(found[f"{before}{end}_3sigma"] - found[f"{before}mc_{end}"])
-               for end in ("lower", "upper")]  # fmt: skip
+        ends = (("lower_3sigma", "mc_lower"), ("upper_3sigma", "mc_upper"))
+        off = [abs(found[before + bound] - found[before + drawn]) for bound, drawn in ends]
         largest = summary["monte_carlo"]["largest_difference"][event]
         assert largest["bounds"]["value"] == np.max(off)
         sigma = abs(found[columns["sigma"]] - found[f"{before}mc_std"])

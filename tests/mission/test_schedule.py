@@ -106,10 +106,7 @@ class Brute:
             np.column_stack([np.interp(at, TIME, SIGMA[:, i] ** 2) for i in range(6)])
         ) * [1, 1, 1, *[math.pi / 180] * 3]
         apart = abs(at[:, None] - at)
-        self.rho = (
-            np.eye(len(at)) if tau == 0
-            else np.ones_like(apart) if math.isinf(tau) else np.exp(-apart / tau)
-        )  # fmt: skip
+        self.rho = np.exp(-apart / tau) if tau else np.eye(len(at))
         self.states = np.array([[*KINDS[n][0], KINDS[n][1]] for n in self.names], dtype=float)
         self.std = np.array([[KINDS[n][5]] * 3 + [KINDS[n][6]] for n in self.names], dtype=float)
 
@@ -124,10 +121,8 @@ class Brute:
         line = np.sqrt(np.sum((aircraft[..., :3] - state[..., :3]) ** 2, axis=-1))
         seen = line <= limits.get("max_range_km", math.inf) * 1e3
         if "horizon" in limits:
-            up = [
-                np.sqrt(2 * 4 / 3 * 6371e3 * np.maximum(-s[..., 2], 0)) for s in (aircraft, state)
-            ]
-            seen = seen & (line <= up[0] + up[1])
+            heights = (np.maximum(-s[..., 2], 0) for s in (aircraft, state))
+            seen = seen & (line <= sum(np.sqrt(2 * 4 / 3 * 6371e3 * h) for h in heights))
         return seen
 
     def p_d(self, aircraft, states):

@@ -159,9 +159,7 @@ def test_the_ends_of_the_unit_interval_are_finite_normals(monkeypatch):
 
 
 def test_the_binomial_interval_is_for_random_draws():
-    """The variance of the share in the band is binomial for random draws, and a fifth for Sobol'
-    points.
-    """
+    """The variance of the share is binomial for random draws, and a fifth for Sobol' points."""
     s = scenario(geometry__azimuth_deg=FEW)
     runs, seeds = 2048, 20
     for kind, low, high in (("random", 0.6, 1.5), ("sobol", 0.1, 0.3)):

@@ -269,6 +269,21 @@ def along_state(which, pose, radar, std):
     return p_d_at
 
 
+def check_alone(which, pose, radar, std, *, bound=None, of_mean=None, of_std=1e-3, breaks=()):
+    """Check FORM for one uncertain state in which P_D is monotone, and return it and the exact σ.
+
+    Bounds and mean are given to so much, or to a thousandth of the exact σ.
+    """
+    found = propagate(MODEL, pose, radar, *one_state(which, std), method="form")
+    p_d_at = along_state(which, pose, radar, std)
+    mean, exact = exact_moments(p_d_at, breaks)
+    assert found.std == pytest.approx(exact, rel=of_std)
+    assert found.mean == pytest.approx(mean, abs=of_mean or 1e-3 * exact)
+    ends = sorted((p_d_at(-3.0), p_d_at(3.0)))
+    assert_allclose([found.lower, found.upper], ends, rtol=0, atol=bound or 1e-3 * exact)
+    return found, exact
+
+
 @pytest.mark.parametrize(
     ("percent", "bound_error", "std_error"),
     [(0.01, 1e-12, 1e-7), (3, 1e-7, 1e-6), (10, 2e-5, 1e-5), (30, 1.1e-3, 3e-3), (50, 5e-4, 0.011)],
@@ -276,29 +291,22 @@ def along_state(which, pose, radar, std):
 def test_radar_constant_alone(percent, bound_error, std_error):
     """Monotone, so the bounds are P_D at c_r (1 ± 3 percent); at 50 % c_r is below zero at −2."""
     std = percent / 100 * RADAR[3]
+    errors = {"bound": bound_error, "of_mean": 2 * bound_error, "of_std": std_error}
     aircraft = paper_aircraft(np.array([0.0, 30.0, 60.0, 90.0]))
-    found = propagate(MODEL, aircraft, RADAR, *one_state(9, std), method="form")
-    for i, pose in enumerate(aircraft):
-        p_d_at = along_state(9, pose, RADAR, std)
-        assert found.lower[i] == pytest.approx(p_d_at(-3.0), abs=bound_error)
-        assert found.upper[i] == pytest.approx(p_d_at(3.0), abs=bound_error)
-        mean, std_exact = exact_moments(p_d_at, breaks=[max(-100 / percent, -9.0)])
-        assert found.mean[i] == pytest.approx(mean, abs=2 * bound_error)
-        assert found.std[i] == pytest.approx(std_exact, rel=std_error)
+    for pose in aircraft:
+        check_alone(9, pose, RADAR, std, **errors, breaks=[max(-100 / percent, -9.0)])
     warned = unreliable(MODEL, aircraft, RADAR, *one_state(9, std), method="form")
     assert not warned.any()  # bounds and σ are good at every pose
 
 
 def test_a_radar_constant_that_is_half_the_time_zero():
     """Then P_D has a floor that half of the draws are at, which is where the lower bound is."""
-    pose, std = paper_aircraft(90.0), 5.0
-    found = propagate(MODEL, pose, RADAR * 0.0, *one_state(9, std), method="form")
-    p_d_at = along_state(9, pose, RADAR * 0.0, std)
-    mean, std_exact = exact_moments(p_d_at)
-    assert found.std == pytest.approx(std_exact, rel=0.01)
-    assert found.mean == pytest.approx(mean, abs=0.01 * std_exact)
+    pose, none = paper_aircraft(90.0), RADAR * 0.0
+    p_d_at = along_state(9, pose, none, 5.0)
+    _, exact = exact_moments(p_d_at)
+    errors = {"bound": 0.02 * p_d_at(3.0), "of_mean": 0.01 * exact, "of_std": 0.01}
+    found, _ = check_alone(9, pose, none, 5.0, **errors)
     assert found.lower == pytest.approx(p_d_at(-3.0), rel=1e-12)
-    assert found.upper == pytest.approx(p_d_at(3.0), rel=0.02)
 
 
 @pytest.mark.parametrize("beta", [-4.5, -3.0, -0.5, 0.5, 2.0, 4.5])
@@ -324,17 +332,10 @@ def test_extremes_of_a_monotone_function_are_exact(beta):
 @pytest.mark.parametrize("which", [0, 1, 3, 5, 6])
 def test_another_state_alone(which):
     """At 45° every one of these is monotone within four deviations."""
-    std = 2000.0 if which in (0, 1, 6) else 1.5 * DEGREE
     pose = paper_aircraft(45.0)
     pose[3] = 0.2  # else rolling changes next to nothing
-    found = propagate(MODEL, pose, RADAR, *one_state(which, std), method="form")
-    p_d_at = along_state(which, pose, RADAR, std)
-    mean, std_exact = exact_moments(p_d_at)
-    assert std_exact > 1e-4
-    assert found.std == pytest.approx(std_exact, rel=2e-5)
-    assert found.mean == pytest.approx(mean, abs=1e-3 * std_exact)
-    bounds = sorted((p_d_at(-3.0), p_d_at(3.0)))
-    assert_allclose([found.lower, found.upper], bounds, rtol=0, atol=1e-3 * std_exact)
+    std = 2000.0 if which in (0, 1, 6) else 1.5 * DEGREE
+    assert check_alone(which, pose, RADAR, std, of_std=2e-5)[1] > 1e-4
 
 
 @pytest.mark.parametrize("constant", [40.0, 300.0, 450.0])
