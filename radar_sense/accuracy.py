@@ -304,13 +304,13 @@ class _Goal:
 
     def _largest_other(self, names: tuple[str, ...], pose: int) -> str | None:
         """Return the largest of the other sources, None if there is none."""
-        budget = self.budget_at(pose)
-        every = sources_of(self.scenario)
-        found = {**budget.sources, **budget.finer, **budget.parts}
+        budget, every = self.budget_at(pose), sources_of(self.scenario)
+        pieces = {**budget.finer, **budget.parts}.items()
+        shown = {**budget.sources, **{name: c for name, c in pieces if c.part_of}}
         at_pose = {
             name: c.std[0]
-            for name, c in found.items()
-            if every[name].has_row and not any(every[name].overlaps(every[own]) for own in names)
+            for name, c in shown.items()
+            if not any(every[name].overlaps(every[own]) for own in names)
         }
         largest = max(at_pose, key=at_pose.__getitem__, default="")
         return largest if at_pose.get(largest, 0.0) > 0 else None

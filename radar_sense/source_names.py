@@ -48,11 +48,6 @@ class Source:
     errors: frozenset[ErrorKey] = frozenset()
     part_of: str = ""
 
-    @property
-    def has_row(self) -> bool:
-        """Whether a budget has a row of it in words: of a whole aircraft it has the two blocks."""
-        return self.kind == SOURCE or bool(self.part_of)
-
     def overlaps(self, other: Source) -> bool:
         """Return whether both have a component or an error."""
         same = self.owner == other.owner and not {*self.components}.isdisjoint(other.components)

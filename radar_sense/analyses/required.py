@@ -80,15 +80,18 @@ def add_required_accuracy(
     ]
     if not poses.resolved:
         result.report += [f"  {refinement.unresolved(poses)}"]
-    every = sources_of(scenario)
-    rows: list[tuple[str, str]] = []
-    for name in [*required] if required["all"].residual_from != P_D_ITSELF else ["all"]:
-        # below its source
-        if name not in every or not every[name].part_of:
-            below = [part for part in required if part in every and every[part].part_of == name]
-            labels = [name, *(f"  {part.removeprefix(f'{name}_')}" for part in below)]
-            rows += zip(labels, (in_words(required[n], axis) for n in (name, *below)), strict=True)
-    result.report += words.rows(rows)
+    whole_of = {name: source.part_of for name, source in sources_of(scenario).items()}
+    place_of = [*required].index
+    names = sorted(required, key=lambda name: place_of(whole_of.get(name) or name))
+    if required["all"].residual_from == P_D_ITSELF:
+        names = ["all"]
+    result.report += words.rows(
+        (
+            f"  {name.removeprefix(f'{whole}_')}" if (whole := whole_of.get(name)) else name,
+            in_words(required[name], axis),
+        )
+        for name in names
+    )
     result.summary["target" if sigmas is None else "threshold"] = {
         **({"three_sigma": limit} if sigmas is None else {"p_max": limit, "k": sigmas}),
         "poses": len(axis),
