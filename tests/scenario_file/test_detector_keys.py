@@ -63,15 +63,10 @@ def test_refusals(given, says):
 
 
 def test_pulses_of_a_surveillance_radar_are_in_its_energy():
-    detector = {"model": "marcum", "pulses": 2}
-    bad = {
-        "position_m": [0, 0, 0],
-        "surveillance": SURVEILLANCE,
-        "p_fa": 1e-6,
-        "detector": detector,
-    }
-    with refused("takes all the energy of a scan for a single pulse"):
-        scenario(radar=bad)
+    radar = {"position_m": [0, 0, 0], "surveillance": SURVEILLANCE, "p_fa": 1e-6}
+    for several in ({"pulses": 2}, {"binary": {"m": 1, "n": 2}}):
+        with refused("takes all the energy of a scan for a single pulse"):
+            scenario(radar={**radar, "detector": {"model": "marcum", **several}})
 
 
 def test_a_detector_from_outside_has_keys_of_its_own(monkeypatch):
