@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,9 @@ from radar_sense.limits import ABOVE, SIGMAS
 from radar_sense.limits import THRESHOLD as P_MAX
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
+
+#: Digits of the place from which a bound is above, of the length of a path.
+DIGITS = 5
 
 THRESHOLD = Option(
     "threshold",
@@ -166,10 +170,11 @@ def _report(tested: PathTest, method: str, k: float, probability: float | None) 
     if known:
         lines += [f"at the worst pose, {axis.at(tested.worst)}: {worst_band(tested, k)}"]
     if known and test.total > 0 and np.isfinite(test.first_above):
-        first = axis.format(np.interp(test.first_above, np.arange(len(axis)), axis.values))
+        first = float(np.interp(test.first_above, np.arange(len(axis)), axis.values))
+        first = round(first, DIGITS - math.ceil(math.log10(test.total)))
         lines += [
             f"the bound is above {test.p_max:g} for {test.above:.4g} of {test.total:.6g} "
-            f"{_unit(scenario)} ({_share(test):.1%}), first at {first}"
+            f"{_unit(scenario)} ({_share(test):.1%}), first at {axis.format(first)}"
         ]
     lines += _probability_lines(tested)
     if test.violated.any():
