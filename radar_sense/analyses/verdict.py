@@ -20,7 +20,7 @@ from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
 
 #: Digits of the place from which a bound is above, of the length of a path.
-DIGITS = 5
+DIGITS = 4
 
 THRESHOLD = Option(
     "threshold",
