@@ -272,6 +272,42 @@ def test_the_refined_path_is_within_its_tolerance(tmp_path):
     assert again.added == 0
 
 
+def shaped(p_d, upper=None):
+    """A method whose P_D and bound are these functions of the time."""
+
+    def propagate(s):
+        p, u = p_d(s.time_s), (upper or p_d)(s.time_s)
+        return Band(p_d=p, lower=p, upper=u, error=np.zeros(len(p)))
+
+    return propagate
+
+
+def far(tmp_path, rows=5):
+    """A path of rows 10 s apart, so far from the radar that only P_D asks for more poses."""
+    lines = "".join(f"{10 * k},400000,{1000 * k},-9000\n" for k in range(rows))
+    return past(tmp_path, "time_s,north_m,east_m,down_m\n" + lines, aircraft__rcs=CONSTANT)
+
+
+@pytest.mark.parametrize("of", ["p_d", "upper"])
+def test_a_step_is_halved_where_a_parabola_leaves_its_line_by_more_than_the_tolerance(tmp_path, of):
+    """The parabola a t² leaves its chord over h by a h²/4."""
+    s, line = far(tmp_path), np.zeros_like
+    functions = {"p_d": line, "upper": line, of: lambda t: 1e-4 * t**2}
+    propagate = shaped(**functions)
+    off = 1e-4 * 10**2 / 4
+    for tolerance, added in ((1.01 * off, 0), (0.99 * off, 4), (0.24 * off, 12)):
+        assert refinement.refined(s, propagate(s), propagate, tolerance).added == added
+
+
+def test_both_steps_at_a_kink_are_halved(tmp_path):
+    s = far(tmp_path, rows=7)
+    propagate = shaped(lambda t: abs(t - 30.0) / 60)
+    # second difference at the kink: 2 / 60 / 10; the estimate of both steps is h²/8 of it
+    estimate = 10**2 / 8 * 2 / 60 / 10
+    found = refinement.refined(s, propagate(s), propagate, 0.6 * estimate)
+    assert found.scenario.time_s.tolist() == [0, 10, 20, 25, 30, 35, 40, 50, 60]
+
+
 def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
     monkeypatch.setattr(refinement, "MAX_POSES", 40)
     rows = "".join(f"{10 * k},400000,{1000 * k},-9000\n" for k in range(5))
