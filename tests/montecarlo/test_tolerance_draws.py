@@ -94,6 +94,7 @@ def test_every_part_has_a_unit_normal_of_its_own():
     for i, (parts, own) in enumerate(zip(s.tolerances, states.tolerance_normals, strict=True)):
         at = 7 * i + 3
         for part, number in zip(parts, own, strict=True):
+            assert list(np.flatnonzero(drawn[10 + number] != nominal)) == [at]
             factor = part.factor(np.array(1.0))
             assert drawn[10 + number, at] / nominal[at] == pytest.approx(factor, rel=1e-15)
     # the third is a number still
