@@ -7,7 +7,7 @@ import os
 import re
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -128,9 +128,9 @@ def open_text(
     except InputError:
         raise
     except FileNotFoundError as error:
-        folder = Path(path).parent
-        names = [other.name for other in folder.iterdir()] if folder.is_dir() else []
-        near = did_you_mean(Path(path).name, names)
+        near = ""
+        with suppress(OSError):  # there may be no such folder, or it may not be listed
+            near = did_you_mean(Path(path).name, [p.name for p in Path(path).parent.iterdir()])
         raise FileError(f"{path}: cannot be read: {reason(error)}{near}") from error
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
         raise FileError(f"{path}: cannot be read: {reason(error)}") from error

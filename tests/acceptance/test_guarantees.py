@@ -206,7 +206,7 @@ def test_a_factor_of_a_budget_is_confirmed_by_plain_draws_of_another_program():
     assert 3.3 < factor <= 3.62
     azimuth, rows, problem = cases.read("bud_b")
     (row,) = rows[azimuth == 30]
-    draws = 200_000
+    draws = 400_000
     grown = cases.at_row(cases.grown(problem, factor), row)
     p_d = truth.drawn(grown, np.random.default_rng(1), draws)
     off = np.square(p_d - p_d.mean()) - p_d.var()

@@ -33,7 +33,7 @@ def test_margin_and_poses():
 def test_time_above_is_that_of_the_broken_line():
     """Compare with linear interpolation at very many points."""
     rng = np.random.default_rng(1)
-    for _ in range(20):
+    for _ in range(50):
         upper, coordinate = rng.uniform(0, 1.2, 12), np.cumsum(rng.uniform(0, 3, 12))
         p_max = rng.uniform(0.05, 1)
         found = threshold_test(upper, p_max, coordinate)

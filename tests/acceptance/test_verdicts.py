@@ -187,9 +187,10 @@ def test_the_probability_anywhere(tmp_path, tau):
 
 
 @pytest.mark.usefixtures("few_judge")
-def test_a_threshold_is_tested_between_waypoints(tmp_path):
+@pytest.mark.parametrize("rcs", ["ellipsoid", "constant"])
+def test_a_threshold_is_tested_between_waypoints(tmp_path, rcs):
     """P_D is below 0.1 at both rows of the route, and near 1 between the rows."""
-    s = past(tmp_path)
+    s = past(tmp_path, **({} if rcs == "ellipsoid" else {"aircraft__rcs": CONSTANT}))
     assert propagate_scenario(s).upper.max() < 0.1
     result = analyses.variance(s, method="form", threshold=0.1)
     test = result.summary["threshold"]
@@ -426,7 +427,7 @@ def test_draws_decide_where_form_is_unreliable():
         geometry__azimuth_deg={"start": 47, "stop": 47, "step": 3},
     )
     assert isinstance(single(s).rcs, SpikeballRCS)
-    p_d = drawn_p_d(s, 100_000)
+    p_d = drawn_p_d(s, 200_000)
     upper = np.quantile(p_d, ndtr(3))
     for p_max in (upper + 0.02, upper - 0.02):
         result = analyses.variance(s, method="automatic", threshold=p_max)

@@ -196,7 +196,7 @@ def own_error(z):
 
 def test_small_p_fa_costs_no_more_than_the_conditioning():
     rng = np.random.default_rng(4)
-    for _ in range(200):
+    for _ in range(400):
         p_fa, snr = 10.0 ** rng.uniform(-200, -2), 10.0 ** rng.uniform(-3, 3)
         miss, moved = north_argument(snr, p_fa)
         bound = condition_of_erfc(miss) * moved + own_error(miss)
@@ -417,7 +417,7 @@ def test_singular_covariance_is_never_nan():
     """The variance along a direction without uncertainty rounds to below 0 in half of all cases."""
     rng = np.random.default_rng(19)
     raw, guarded = [], []
-    for _ in range(100):
+    for _ in range(500):
         direction, jacobian = rng.normal(size=(2, 6))
         jacobian -= direction * (jacobian @ direction) / (direction @ direction)
         covariance = np.outer(direction, direction)

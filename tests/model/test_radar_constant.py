@@ -216,7 +216,7 @@ def test_moments_of_a_factor_by_quadrature(part):
 @pytest.mark.parametrize("kind", KINDS)
 def test_draws_have_the_moments(kind):
     s = sheet_scenario(kind)
-    states, runs = s.states(), 200_000
+    states, runs = s.states(), 400_000
     normals = np.random.default_rng(3).standard_normal((runs, states.radar_normals))
     assert states.radar_normals == 3 + len(TOLERANCES[kind])
     radar = states.radars_at(normals)

@@ -279,7 +279,7 @@ def test_memory_does_not_grow_with_the_runs(sampler):
         tracemalloc.stop()
         return found
 
-    assert peak(30_000) < 1.2 * peak(10_000)
+    assert peak(60_000) < 1.2 * peak(20_000)
 
 
 def test_a_scenario_of_arrays_has_the_bytes_of_the_file():

@@ -1,6 +1,6 @@
 """The sources of unit normals: Sobol' points are a scrambled digital net at every pose.
 
-Scrambling permutes the cells of a grid: their counts are those of the plain sequence, reordered.
+Scrambling reorders the cells of a grid. The counts in them are those of the plain sequence.
 """
 
 from itertools import combinations
@@ -47,8 +47,8 @@ def test_every_stretch_of_two_to_the_k_points_fills_each_dimension(runs):
     """A (0, 1)-sequence: any aligned 2^k points, one in each of 2^k intervals."""
     points = bits(sobol(runs=runs, blocks=1024 // runs))
     for k in range(11):
-        for first in range(0, 1024, max(2**k, 128)):
-            for pose in (0, POSES - 1):
+        for first in range(0, 1024, max(2**k, 64)):
+            for pose in range(POSES):
                 stretch = points[first : first + 2**k, pose]
                 for i in range(10):
                     assert np.all(cells(stretch, {i: k}) == 1)

@@ -64,7 +64,7 @@ def test_tails_are_the_quantiles_of_all_rows(count, probability, merged):
     np.testing.assert_allclose(found.upper, np.quantile(rows, 1 - probability, axis=0), atol=1e-15)
 
 
-@pytest.mark.parametrize("size", [1000, 140_000])
+@pytest.mark.parametrize("size", [256, 1000, 140_000])
 @pytest.mark.parametrize("kind", HARD)
 def test_tails_of_very_many_rows_are_exact_too(kind, size):
     count = 200_000

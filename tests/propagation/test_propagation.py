@@ -563,7 +563,7 @@ def test_straight_above_the_radar_nothing_is_known_but_by_draws(method, rcs):
 @pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
 def test_a_pose_does_not_depend_on_the_others(method):
-    """Alone, or among more poses than are computed at a time; those of `automatic` share draws."""
+    """It is the same alone and among more poses than are computed at a time."""
     some = AIRCRAFT[::20]
     whole = propagate(MODEL, some, RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
     for i in (0, 7, 18):

@@ -52,7 +52,7 @@ class Truth:
 
 
 def probability_se(p, draws):
-    """Return the standard error of a share of draws; that of no draw at all is one draw's."""
+    """Return the standard error of a share of draws. No draw at all counts as one."""
     return np.sqrt(np.clip(p * (1 - p), 1 / draws, None) / draws)
 
 
