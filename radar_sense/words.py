@@ -22,12 +22,10 @@ from radar_sense.propagation import (
     STD_CHANGE,
     Band,
     Moments,
-    distribution,
-    mean_and_std,
     std_off_in_scenario,
     unreliable_in_scenario,
 )
-from radar_sense.scenario import Scenario, single_radar_scenarios
+from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.units import unit_name
 
@@ -351,33 +349,8 @@ def rows(named: Iterable[tuple[str, str]]) -> list[str]:
 Spread = tuple[Scenario, FloatArray, FloatArray]
 
 
-def add_radars_alone(result: Result, at_level: Mapping[str, Scenario], how: str = "") -> None:
-    """Add the largest 3 sigma of each radar of a network alone, and where draws say it is off."""
-    method = result.method
-    alone = {
-        level: {
-            name: (radar, *mean_and_std(distribution(radar, method)))
-            for name, radar in single_radar_scenarios(scenario).items()
-        }
-        for level, scenario in at_level.items()
-    }
-    add_radars(result, alone, how)
-    of_each = len(alone) > 1
-    result.warnings += std_off(
-        {
-            f"{name} alone{f', {level}' if of_each else ''}": radar
-            for level, radars in alone.items()
-            for name, radar in radars.items()
-        },
-        method,
-    )
-
-
-def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Spread]], how: str = "") -> None:
-    """Add the largest 3 sigma of each radar of a network alone, at one level or at several.
-
-    `how` is the method, where it stands nowhere else.
-    """
+def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Spread]]) -> None:
+    """Add the largest 3 sigma of each radar of a network alone, at one level or at several."""
     axis = result.scenario.axis
     found = {
         level: {name: peak(3 * std, axis) for name, (_, _, std) in radars.items()}
@@ -387,7 +360,7 @@ def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Spread]], how
     if not first:
         return
     result.summary["largest_three_sigma_by_itself"] = found if others else first
-    result.report.append(f"largest {f'{how} ' if how else ''}3 sigma of each radar alone:")
+    result.report.append("largest 3 sigma of each radar alone:")
     for_each = (
         ", ".join(
             f"{level} " * bool(others) + describe_extreme(tops[name], axis)

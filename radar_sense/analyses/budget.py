@@ -128,8 +128,6 @@ def budget(
         **{name: value for name, value in optional.items() if value},
     }
     result.warnings += words.std_warnings(axis, total.std, off, method)
-    if method != MONTE_CARLO:
-        words.add_radars_alone(result, {scenario.level: scenario})
     add_required_accuracy(
         result, target=target, threshold=threshold, k=k, probability=probability, at=at
     )

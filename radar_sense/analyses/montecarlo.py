@@ -79,7 +79,6 @@ def montecarlo(
         "largest_mean_shift": words.peak(abs(mc.mean - mc.band.p_d), axis),
         "radar_constants_set_to_zero": mc.clipped,
     }
-    words.add_radars_alone(result, {scenario.level: scenario}, how=method)
     result.warnings += words.clipping_warnings(mc.clipped)
     result.warnings += words.table_warnings(scenario, runs=mc.runs)
     label = words.band_label(scenario.level, method, k)

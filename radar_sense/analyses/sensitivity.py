@@ -9,7 +9,7 @@ from radar_sense import words
 from radar_sense.axis import Axis
 from radar_sense.command import METHOD, ONE_RADAR, Figure, Result, command
 from radar_sense.propagation import distribution, mean_and_std
-from radar_sense.scenario import Scenario
+from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray
 
 
@@ -26,7 +26,11 @@ def sensitivity(scenario: Scenario) -> Result:
     """3 sigma of P_D for every level of radar uncertainty."""
     method, axis, result = scenario.method, scenario.axis, Result(scenario, scenario.method)
     at_level = {level: scenario.with_analysis(level=level) for level in scenario.levels}
-    spreads = {n: (s, *mean_and_std(distribution(s, method))) for n, s in at_level.items()}
+    spreads = {level: _spread(at) for level, at in at_level.items()}
+    alone = {
+        level: {name: _spread(radar) for name, radar in single_radar_scenarios(at).items()}
+        for level, at in at_level.items()
+    }
 
     words.add_axis(result.table, axis)
     lines = {level: 3 * std for level, (_, _, std) in spreads.items()}
@@ -41,12 +45,21 @@ def sensitivity(scenario: Scenario) -> Result:
     by_method = "" if method == "linear" else f" ({method})"
     result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
     result.report += words.rows((n, words.describe_extreme(top, axis)) for n, top in worst.items())
-    result.warnings += words.std_off(spreads, method)
-    words.add_radars_alone(result, at_level)
+    words.add_radars(result, alone)
+    of_radars = {
+        f"{name} alone, {level}": radar
+        for level, radars in alone.items()
+        for name, radar in radars.items()
+    }
+    result.warnings += words.std_off(spreads | of_radars, method)
     result.warnings += words.table_warnings(scenario)
     result.report += words.std_trust(result)
     result.draw = partial(_draw, axis=axis, lines=lines)
     return result
+
+
+def _spread(scenario: Scenario) -> words.Spread:
+    return scenario, *mean_and_std(distribution(scenario, scenario.method))
 
 
 def _draw(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray]) -> None:

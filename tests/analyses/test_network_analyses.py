@@ -105,7 +105,7 @@ uncertainty: {aircraft: {position_m: 20, attitude_deg: 1}}
 analysis: {level: s}
 """
     s = parse_scenario(content)
-    for analysis in (analyses.variance, analyses.budget, analyses.sensitivity, analyses.montecarlo):
+    for analysis in (analyses.variance, analyses.sensitivity):
         named = analysis(s, method="form")
         assert [text for text in named.warnings if text.startswith("edge alone")], analysis
     found = analyses.variance(s, method="automatic")

@@ -89,7 +89,7 @@ HEADING = re.compile("by itself|alone:")
 @pytest.mark.parametrize("method", ["linear", "form"])
 def test_a_network_reports_the_largest_three_sigma_of_each_radar_by_itself(method):
     s = mixed_network(runs=64)
-    for analyse in (analyses.variance, analyses.budget, analyses.montecarlo, analyses.sensitivity):
+    for analyse in (analyses.variance, analyses.sensitivity):
         result = analyse(s, method=method)
         found = result.summary["largest_three_sigma_by_itself"]
         (start,) = [i for i, line in enumerate(result.report) if HEADING.search(line)]
@@ -104,7 +104,7 @@ def test_a_network_reports_the_largest_three_sigma_of_each_radar_by_itself(metho
                 where = line.index(level) if analyse is analyses.sensitivity else 0
                 shown = re.search(r"(\d\.\d{4}) at \d+", line[where:])
                 assert float(shown[1]) == pytest.approx(most, abs=5.1e-5)
-    for result in (analyses.budget(load_scenario()), analyses.variance(for_radar(s, "a"))):
+    for result in (analyses.sensitivity(load_scenario()), analyses.variance(for_radar(s, "a"))):
         assert "largest_three_sigma_by_itself" not in result.summary
         assert not any(map(HEADING.search, result.report))
 
