@@ -47,8 +47,6 @@ class Geometry(ReadOnly):
     covariance: FloatArray = field(repr=False, default_factory=lambda: CERTAIN)
     #: Step of the coordinate that is not halved further, because P_D jumps at a horizon.
     shortest: ClassVar[float] = 0.0
-    #: The key with which a user chooses the steps.
-    steps: ClassVar[str] = ""
 
     @property
     def continuous(self) -> bool:
@@ -149,7 +147,6 @@ class Orbit(_Level):
 
     radius: float = 0.0
     shortest = 0.01
-    steps = "geometry.azimuth_deg"
 
     def _polar(self, coordinate: FloatArray) -> tuple[FloatArray, FloatArray]:
         return coordinate, np.full(coordinate.shape, self.radius)
@@ -165,7 +162,6 @@ class Radial(_Level):
 
     azimuth: float = 0.0
     shortest = 1e-3
-    steps = "geometry.range_km"
 
     def _polar(self, coordinate: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.full(coordinate.shape, self.azimuth), 1e3 * coordinate
@@ -184,24 +180,20 @@ class Path(Geometry):
         time_s: Time of each pose (n,) [s], increasing.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the origin of the
             frame, for a path in latitude and longitude.
-        step_s: Step of time [s] of poses that the user chose, so that no others are looked for
-            between them; None for the rows of a route.
         flight: The route that the poses were interpolated on; None for the poses themselves.
         method: How the flight is interpolated, one of `trajectory.METHODS`.
     """
 
     time_s: FloatArray = field(repr=False, kw_only=True)
     origin: tuple[float, float, float] | None = None
-    step_s: float | None = None
     flight: Route | None = field(default=None, repr=False)
     method: str = "legs"
     shortest = 0.2
-    steps = "geometry.interpolate"
 
     @property
     def continuous(self) -> bool:
-        """Whether there are poses to look for between the poses."""
-        return len(self.axis) > 1 and self.step_s is None
+        """Whether there are poses between the poses: with two poses or more."""
+        return len(self.axis) > 1
 
     @property
     def coordinate(self) -> FloatArray:
@@ -226,7 +218,10 @@ class Path(Geometry):
 
     def at(self, coordinate: FloatArray) -> Path:
         """Return the path at other times (k,) [s] within its own."""
-        poses = interpolate(self.route, coordinate, self.method)
+        route = self.route
+        if self.covariance.ndim == 2:
+            route = dataclasses.replace(route, covariance=None)
+        poses = interpolate(route, coordinate, self.method)
         values = np.interp(coordinate, self.time_s, self.axis.values)
         return dataclasses.replace(
             self,

@@ -180,11 +180,12 @@ def _antenna(scenario: Scenario) -> Iterator[str]:
 
 
 def _spacing(scenario: Scenario) -> Iterator[str]:
-    if not scenario.geometry.continuous or scenario.time_s is None:
-        return
+    geometry = scenario.geometry
+    if not isinstance(geometry, Path) or geometry.flight is not None or len(geometry.axis) < 2:
+        return  # of poses between the rows the user has chosen the step
     coarse = coarse_steps(scenario, lobes=False)
     if coarse.any():
-        longest = float(np.diff(scenario.time_s)[coarse].max())
+        longest = float(np.diff(geometry.time_s)[coarse].max())
         yield warning(
             "rows-apart",
             f"rows of the path are up to {longest:.4g} s apart, and P_D may differ much between "
@@ -195,15 +196,13 @@ def _spacing(scenario: Scenario) -> Iterator[str]:
 
 def _step(scenario: Scenario) -> Iterator[str]:
     """Yield a warning if the step between the poses of a path is longer than the path."""
-    geometry = scenario.geometry
-    if not isinstance(geometry, Path) or geometry.step_s is None or len(geometry.axis) < 2:
-        return
-    duration = float(np.ptp(geometry.time_s))
-    if geometry.step_s > duration:
+    file, time = None if scenario.source is None else scenario.source.file, scenario.time_s
+    stated = None if file is None or time is None else file.geometry.interpolate
+    if stated is not None and time is not None and float(stated.step_s) > np.ptp(time) > 0:
         yield warning(
             "step-long",
-            f"geometry.interpolate has a step of {geometry.step_s:g} s, longer than the route of "
-            f"{duration:.4g} s: no pose is added",
+            f"geometry.interpolate has a step of {float(stated.step_s):g} s, longer than the route "
+            f"of {np.ptp(time):.4g} s: no pose is added",
         )
 
 

@@ -18,13 +18,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.flight import CERTAIN
-from radar_sense.model.geometry import body_vector, slant_range
+from radar_sense.model.geometry import body_vector, join, slant_range
 from radar_sense.propagation import Band
 from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
@@ -37,13 +36,14 @@ LARGEST_TURN, HALF = np.deg2rad(5.0), 0.5
 LARGEST_MOVE = 0.1
 #: Shortest step that lobes divide, as a part of `Geometry.shortest`.
 LEAST_STEP = 1e-3
-#: Most poses of a refined path.
+#: Most poses between the rows of a flight.
 MAX_POSES = 20_000
 #: P_D and its bound may differ from straight lines between poses by the smaller of
-#: RELATIVE_TOLERANCE · limit and TOLERANCE.
-RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
-#: Decimals of the places of closest points and crossings.
+#: RELATIVE_TOLERANCE · limit and TOLERANCE, and by DISTANT of their distance below the limit.
+RELATIVE_TOLERANCE, TOLERANCE, DISTANT = 0.01, 0.002, 0.25
+#: Places of closest points and crossings are multiples of this, of 10⁻ᴰᴱᶜᴵᴹᴬᴸˢ.
 DECIMALS = 6
+UNIT = 10.0**-DECIMALS
 #: Differences below this part of the greatest value are rounding, and no maximum is searched there.
 ROUNDING = 1e-12
 #: Steps of a search: a bracket of a closest point shrinks to 4e-9 of itself, one of a crossing to
@@ -83,18 +83,18 @@ def resolve(
 ) -> Refined:
     """Return a scenario with poses added to compare P_D and its bound with a limit.
 
-    Without a flight, or where the user has chosen all poses, it is returned unchanged.
+    Without a flight it is returned unchanged.
     """
     band = band or propagate(scenario)
     if not scenario.geometry.continuous:
         return Refined(scenario, band, np.arange(len(band.p_d)), True, None)
-    return refined(scenario, band, propagate, min(TOLERANCE, RELATIVE_TOLERANCE * limit))
+    tolerance = min(TOLERANCE, RELATIVE_TOLERANCE * limit)
+    return refined(scenario, band, propagate, tolerance, limit)
 
 
-def unresolved(path: Refined) -> str:
+def unresolved() -> str:
     """Return the message about poses that do not resolve P_D, with the remedy."""
-    geometry = path.scenario.geometry
-    return f"P_D is not resolved by {MAX_POSES:,} poses: choose steps with {geometry.steps}"
+    return f"P_D is not resolved by {MAX_POSES:,} poses between the rows: test a shorter part"
 
 
 def refined(
@@ -102,35 +102,39 @@ def refined(
     band: Band,
     propagate: Callable[[Scenario], Band],
     tolerance: float,
+    limit: float = 0.0,
 ) -> Refined:
     """Return a scenario with poses added until P_D and its upper bound are linear between poses.
 
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
-    tolerance of straight lines. Second differences estimate the distance. Two standard errors of a
-    bound are no bend. Poses that would be `MAX_POSES` in all are not computed, and P_D is not
-    resolved.
+    tolerance of straight lines, which grows with the distance below the limit. Second differences
+    estimate the distance from the lines. Two standard errors of a bound are no bend. Where
+    `MAX_POSES` would be added, no more are computed, and P_D is not resolved.
     """
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
-    order = -1 if given[0] > given[-1] else 1
+    order, most = -1 if given[0] > given[-1] else 1, len(given) + MAX_POSES
+
+    def bent(values: FloatArray, noise: FloatArray | float = 0.0) -> NDArray[np.bool_]:
+        below = limit - np.fmax(values[1:], values[:-1])
+        return _bend(place, values) > np.fmax(tolerance, DISTANT * below) + noise
+
     place, new = given, np.setdiff1d(places(scenario), given)[::order]
-    while len(place) + len(new) < MAX_POSES:
+    while len(place) + len(new) < most:
         if new.size:
             place = np.concatenate([place, new])
             ranked = np.argsort(order * place)
             band = Band.join([band, propagate(along(scenario, new))]).at(ranked)
             place = place[ranked]
-        bends = _bend(place, band.p_d) > tolerance
         noise = 2.0 * np.maximum(band.error[1:], band.error[:-1])
-        bends |= _bend(place, band.upper) > tolerance + noise
-        bends &= abs(np.diff(place)) > shortest
-        new = _middles(place)[bends]
+        bends = bent(band.p_d) | bent(band.upper, noise)
+        new = _middles(place)[bends & (abs(np.diff(place)) > shortest)]
         if not new.size:
             break
     return Refined(
         along(scenario, place) if len(place) > len(given) else scenario,
         band,
         np.flatnonzero(np.isin(place, given)),
-        len(place) + len(new) < MAX_POSES,
+        len(place) + len(new) < most,
         tolerance,
     )
 
@@ -176,25 +180,20 @@ def places(scenario: Scenario) -> FloatArray:
     """Return coordinates (k,) of a flight, ascending, between which no lobe, gap or limit fits.
 
     These are the rows, the middles of coarse steps, the closest point to each radar, the point
-    nearest to its limits, and both sides of each crossing of a limit. Steps are halved up to
-    `MAX_POSES` coordinates. With more, some steps may still be coarse.
+    nearest to its limits, and both sides of each crossing of a limit. Steps are halved until
+    `MAX_POSES` coordinates are added. With more, some steps may still be coarse.
     """
     nominal = _nominal(scenario)
     place, shortest = np.sort(nominal.geometry.coordinate), LEAST_STEP * nominal.geometry.shortest
-    while len(place) < MAX_POSES:
+    most = len(place) + MAX_POSES
+    while len(place) < most:
         coarse = coarse_steps(along(nominal, place)) & (np.diff(place) > shortest)
         if not coarse.any():
             break
         place = np.sort(np.append(place, _middles(place)[coarse]))
-    found = [place]
-    for i, radar in enumerate(nominal.radars):
-        closest = _maxima(nominal, place, partial(_nearness, number=i))
-        found.append(closest)
-        if radar.limited:
-            edges, margin = np.union1d(place, closest), partial(_margin, number=i)
-            inmost = _maxima(nominal, edges, margin)
-            found += [inmost, _crossings(nominal, np.union1d(edges, inmost), margin)]
-    return np.unique(np.concatenate(found))
+    for turning in (_nearness, _margins):
+        place = np.union1d(place, _maxima(nominal, place, turning))
+    return np.union1d(place, _crossings(nominal, place))
 
 
 def _nominal(scenario: Scenario) -> Scenario:
@@ -202,54 +201,60 @@ def _nominal(scenario: Scenario) -> Scenario:
     return scenario.along(dataclasses.replace(scenario.geometry, covariance=CERTAIN))
 
 
-def _nearness(poses: Scenario, number: int) -> FloatArray:
-    """Return minus the slant range (n,) [m] of a radar."""
-    return -slant_range(poses.aircraft, poses.radar_states[number])
+def _nearness(poses: Scenario) -> FloatArray:
+    """Return minus the slant range (n, m) [m] of each radar."""
+    return join([-slant_range(poses.aircraft, state) for state in poses.radar_states])
 
 
-def _margin(poses: Scenario, number: int) -> FloatArray:
-    """Return the distance (n,) [m] to the nearest limit of a radar, negative beyond it."""
-    return poses.radars[number].margin(poses.aircraft, poses.radar_states[number])
+def _margins(poses: Scenario) -> FloatArray:
+    """Return the distance (n, j) [m] to the nearest limit of each radar that has limits.
+
+    It is negative beyond the limit.
+    """
+    each = zip(poses.radars, poses.radar_states, strict=True)
+    margins = [radar.margin(poses.aircraft, state) for radar, state in each if radar.limited]
+    return join(margins) if margins else np.empty((len(poses.aircraft), 0))
 
 
 def _maxima(
     scenario: Scenario, place: FloatArray, value: Callable[[Scenario], FloatArray]
 ) -> FloatArray:
-    """Return the places (j,) of the maxima of a function of the poses, by golden sections.
+    """Return the places (j,) of the maxima of functions (n, m) of the poses, by golden sections.
 
     The greatest value may lie beside the first or the last place, too.
     """
     values = value(along(scenario, place))
-    before, after = np.insert(values[:-1], 0, values[0]), np.append(values[1:], values[-1])
+    before, after = np.vstack([values[:1], values[:-1]]), np.vstack([values[1:], values[-1:]])
     # along a circle about a radar all distances are equal but for rounding
-    flat = values - np.minimum(before, after) <= ROUNDING * abs(values).max()
-    top = np.flatnonzero((values >= before) & (values >= after) & ~flat)
+    flat = values - np.minimum(before, after) <= ROUNDING * abs(values).max(axis=0)
+    top, number = np.nonzero((values >= before) & (values >= after) & ~flat)
     low, high = place[np.maximum(top - 1, 0)], place[np.minimum(top + 1, len(place) - 1)]
-    _, found = golden_section(lambda x: _in_any_order(scenario, x, value), low, high, SEARCH)
-    return np.clip(np.round(found, DECIMALS), place[0], place[-1])
+
+    def each(x: FloatArray) -> FloatArray:
+        return _in_any_order(scenario, x, value)[np.arange(len(x)), number]
+
+    if top.size:
+        _, low = golden_section(each, low, high, SEARCH)
+    return np.clip(np.round(low, DECIMALS), place[0], place[-1])
 
 
-def _crossings(
-    scenario: Scenario, place: FloatArray, margin: Callable[[Scenario], FloatArray]
-) -> FloatArray:
+def _crossings(scenario: Scenario, place: FloatArray) -> FloatArray:
     """Return the places on both sides of each crossing of a limit, where a margin changes sign."""
-    seen = margin(along(scenario, place)) >= 0
-    crossing = np.flatnonzero(seen[1:] != seen[:-1])
-    low, high = place[crossing], place[crossing + 1]
-    if not crossing.size:
-        return low
-    for _ in range(SEARCH):
+    seen = _margins(along(scenario, place)) >= 0
+    crossing, number = np.nonzero(seen[1:] != seen[:-1])
+    low, high, first = place[crossing], place[crossing + 1], seen[crossing, number]
+    for _ in range(SEARCH if crossing.size else 0):
         middle = 0.5 * (low + high)
-        same = (_in_any_order(scenario, middle, margin) >= 0) == seen[crossing]
+        margins = _in_any_order(scenario, middle, _margins)
+        same = (margins[np.arange(len(middle)), number] >= 0) == first
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    unit = 10.0**-DECIMALS
-    return np.concatenate([np.floor(low / unit) * unit, np.ceil(high / unit) * unit])
+    return np.concatenate([np.floor(low / UNIT) * UNIT, np.ceil(high / UNIT) * UNIT])
 
 
 def _in_any_order(
     scenario: Scenario, place: FloatArray, value: Callable[[Scenario], FloatArray]
 ) -> FloatArray:
-    """Return a function of the poses at places (j,) that need not be in order or apart."""
+    """Return functions (j, m) of the poses at places (j,) that need not be in order or apart."""
     ordered, back = np.unique(place, return_inverse=True)
     return value(along(scenario, ordered))[back]
 
@@ -257,16 +262,18 @@ def _in_any_order(
 def _bend(place: FloatArray, values: FloatArray) -> FloatArray:
     """Return the distance (n − 1,) of values from straight lines between poses.
 
-    The distance is h²/8 times the second derivative, the greater derivative of the two ends. It is
-    0 beside a pose without a value, and infinite between the only two poses.
+    The distance is h²/8 times the second derivative, the greater derivative of the two ends, of
+    those with a value. A derivative across the crossing of a limit is that of a jump, and does not
+    count. The distance is infinite where no end counts.
     """
     step = np.diff(place)
     if len(step) < 2:
         return np.full(len(step), np.inf)
-    slope = np.diff(values) / step
-    second = np.abs(2.0 * np.diff(slope) / (place[2:] - place[:-2]))
+    slope, crossing = np.diff(values) / step, abs(step) < 2.0 * UNIT
+    second = np.nan_to_num(abs(2.0 * np.diff(slope) / (place[2:] - place[:-2])))
+    second[crossing[1:] | crossing[:-1]] = np.nan
     greater = np.fmax(np.append(second, second[-1]), np.insert(second, 0, second[0]))
-    bend: FloatArray = np.nan_to_num(0.125 * step**2 * greater)
+    bend: FloatArray = np.nan_to_num(0.125 * step**2 * greater, nan=np.inf)
     return bend
 
 

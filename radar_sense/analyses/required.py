@@ -79,7 +79,7 @@ def add_required_accuracy(
         f"for {goal} {place}{between}, sigma of one source (others unchanged) or of all must be:"
     ]
     if not poses.resolved:
-        result.report += [f"  {refinement.unresolved(poses)}"]
+        result.report += [f"  {refinement.unresolved()}"]
     whole_of = {name: source.part_of for name, source in sources_of(scenario).items()}
     place_of = [*required].index
     names = sorted(required, key=lambda name: place_of(whole_of.get(name) or name))

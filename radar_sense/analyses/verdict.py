@@ -13,7 +13,6 @@ from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
 from radar_sense.command import Option, Result
 from radar_sense.errors import InputError
-from radar_sense.flight import Path
 from radar_sense.limits import ABOVE, SIGMAS
 from radar_sense.limits import THRESHOLD as P_MAX
 from radar_sense.propagation import AUTOMATIC, Band
@@ -201,7 +200,7 @@ def worst_band(tested: PathTest, k: float) -> str:
 def _remedy(tested: PathTest, method: str) -> str:
     """Return the reason why the test has no answer, and the remedy."""
     if not tested.path.resolved:
-        return f"  {refinement.unresolved(tested.path)}"
+        return f"  {refinement.unresolved()}"
     if tested.far.any():
         return "  the origin is too far for errors of attitude this large: choose a nearer one"
     runs = tested.decision.runs
@@ -265,12 +264,9 @@ def _trust(tested: PathTest, method: str) -> list[str]:
         line += f"; draws replace form at {np.count_nonzero(tested.by_draws)}"
     if tested.test.passed:
         line += f'; a false "holds" has a probability of {2 * CHANCE:.1%} at most'
-    if path.tolerance is not None:
-        given = "the rows of the path"
-        if scenario.time_s is None:
-            given = f"the {scenario.axis.name}s given"
-        return [line, f"{path.added} of the poses are between {given}"] if path.added else [line]
-    geometry = scenario.geometry
-    if isinstance(geometry, Path) and geometry.step_s is not None:
-        return [line, f"tested every {geometry.step_s:g} s, the step of geometry.interpolate"]
-    return [line]
+    if not path.added:
+        return [line]
+    given = "the rows of the path"
+    if scenario.time_s is None:
+        given = f"the {scenario.axis.name}s given"
+    return [line, f"{path.added} of the poses are between {given}"]

@@ -107,7 +107,7 @@ def _path(stated: sections.Path) -> Path:
     of_flight: dict[str, Any] = {}
     if stated.interpolate is not None:
         step_s, method = float(stated.interpolate.step_s), stated.interpolate.method
-        of_flight = {"step_s": step_s, "method": method, "flight": route}
+        of_flight = {"method": method, "flight": route}
         try:
             route = resample(route, step_s, method)
         except InputError as error:

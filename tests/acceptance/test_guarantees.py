@@ -11,7 +11,8 @@ from studies.bands import cases, truth
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
+from radar_sense.acceptance.threshold import path_test
+from radar_sense.propagation import band_of_scenario, propagate_scenario, unreliable_in_scenario
 
 BOLTZMANN = 1.380649e-23
 #: Nearly nothing is uncertain.
@@ -82,17 +83,24 @@ def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(tmp_
     s = random_flight(tmp_path, number)
     p_d = s.model.p_d(s.aircraft, s.radar)
     for p_max in (0.5 * p_d.max(), np.median(p_d), 0.5 * (1 + p_d.max())):
-        result = analyses.variance(s, threshold=float(p_max), method="form", k=2)
-        summary, each = result.summary["threshold"], result.table["probability_above"]
-        assert len(each) == summary["poses"]
-        anywhere = summary["probability_above_at_any_pose"]["value"]
-        rounding = 1e-12
-        assert each.max() == summary["highest_probability_above"]["value"]
+        band = band_of_scenario(s, method="form", beta=2.0)
+        found = path_test(s, "form", float(p_max), 2.0, band)
+        runs, each, rounding = found.decision.runs, found.decision.runs.probability, 1e-12
+        anywhere = runs.anywhere / runs.runs
         assert each.max() <= anywhere + rounding
         assert anywhere <= min(1, each.sum() + rounding)
-        # a pose stands for half of the steps beside it, and the five poses are 100 s apart
-        time = each @ [50, 100, 100, 100, 50]
-        assert summary["mean_time_above_s"]["value"] == pytest.approx(time, abs=1e-9)
+        # a pose stands for half of the steps beside it
+        time = found.path.scenario.time_s
+        assert len(each) == len(time) > 5
+        assert runs.time == pytest.approx(0.5 * np.diff(time) @ (each[1:] + each[:-1]), abs=1e-9)
+        # the summary and the table have these numbers
+        result = analyses.variance(s, threshold=float(p_max), method="form", k=2)
+        summary = result.summary["threshold"]
+        assert summary["highest_probability_above"]["value"] == each.max()
+        assert summary["probability_above_at_any_pose"]["value"] == anywhere
+        assert summary["mean_time_above_s"]["value"] == runs.time
+        rows = each[found.path.rows]
+        np.testing.assert_array_equal(result.table["probability_above"], rows)
 
 
 @pytest.mark.parametrize("correlation_s", [0, 60])

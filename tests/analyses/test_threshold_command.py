@@ -58,23 +58,24 @@ def test_threshold_columns(tool, method, k):
 
 
 def test_threshold_report_and_record(tool):
-    filled = {"step_s": 100}  # the table then has the poses of the test
+    filled = {"step_s": 5}  # the table then has all poses of the test but a few
     file = write(Path(), geometry__axis="distance", geometry__interpolate=filled)
     assert tool("variance", file, "--no-plot", "--method", "form").code == 0
     upper = read_table("figures/flight_variance.csv")["upper_3sigma"]
-    p_max = 0.5 * (np.sort(upper)[7] + np.sort(upper)[8])
+    p_max = 0.5 * (np.sort(upper)[140] + np.sort(upper)[141])
     code, out, _ = tool("variance", file, "--threshold", p_max, "--method", "form")
     assert code == 3
     found = read_table("figures/flight_variance.csv")
     test = read_record("figures/flight_variance.json")["summary"]["threshold"]
     # time, though the table is laid out along the distance
-    dense, times = np.linspace(100, 1500, 200_001), np.arange(100, 1501, 100)
+    dense, times = np.linspace(100, 1500, 200_001), np.arange(100, 1501, 5)
     above = np.interp(dense, times, upper) > p_max
     share = np.mean(above)
     assert test["share_above"] == pytest.approx(share, abs=1e-4)
     assert test["above_s"] == pytest.approx(1400 * share, abs=0.1)
     assert test["total_s"] == 1400
-    assert test["poses_violated"] == found["violated"].sum() == 7
+    assert found["violated"].sum() == 140
+    assert 140 <= test["poses_violated"] <= 140 + test["poses_between_rows"] < 150
     first = int(np.argmax(found["violated"]))
     assert test["first_violation"] == {"distance_m": found["distance_m"][first]}
     likely = int(np.argmax(found["probability_above"]))
@@ -88,7 +89,7 @@ def test_threshold_report_and_record(tool):
     assert test["worst_margin"]["value"] == found["margin"][worst]
     assert (test["passed"], test["k"], test["p_max"]) == (False, 3, p_max)
     assert out.startswith("VIOLATED at ")
-    assert "method: form, checked by draws at 15 poses" in out
+    assert f"method: form, checked by draws at {test['poses']} poses" in out
     passed = np.interp(dense[np.argmax(above)], times, found["distance_m"])
     (first_at,) = re.findall(rf"of 1400 s \({share:.1%}\), first at (\d+) m$", out, re.MULTILINE)
     assert float(first_at) == pytest.approx(passed, abs=10)
