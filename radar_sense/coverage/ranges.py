@@ -36,6 +36,8 @@ _STEP = 1e-5
 DRAWS, TOLERANCE = (FURTHER, PRECISE, MANY), 0.01
 #: Relative standard error of a bound of the range by draws that needs no more draws.
 PRECISION = 0.01
+#: Halvings of ± `PRECISION` about a distance where errors may cross a limit: P_D jumps within it.
+HALVINGS = 6
 #: Standard error of P_D at the bound above which few draws may have missed where P_D jumps.
 LARGEST_ERROR = 0.05
 
@@ -198,9 +200,18 @@ def _by_draws(
         with np.errstate(divide="ignore", invalid="ignore"):
             step = np.where(fall > 0, ((near + far) / 2.0 - value) / fall, 0.0)
         sure = (far_error <= LARGEST_ERROR) & (2.0 * far_error <= fall)
-        settled = enclosed | (sure & (abs(step) <= 1.0))
-        step = np.where(enclosed, 0.0, np.clip(step, -1.0, 1.0))
+        # where errors may cross a limit P_D jumps, and no straight line leads there
+        jumps = (near > value) & (value > far) & _limit_in_reach(rays, at)
+        settled = enclosed | (sure & (abs(step) <= 1.0) & ~jumps)
+        step = np.where(enclosed | jumps, 0.0, np.clip(step, -1.0, 1.0))
         reach[rows] = np.minimum(at * np.exp(2.0 * PRECISION * step), FARTHEST)
+        some = np.flatnonzero(jumps)
+        low, high = at[some] * (1.0 - PRECISION), at[some] * (1.0 + PRECISION)
+        for _ in range(HALVINGS if some.size else 0):
+            middle = 0.5 * (low + high)
+            above = drawn(draws, rays.part(some), middle)[0] > value
+            low, high = np.where(above, middle, low), np.where(above, high, middle)
+        reach[rows[some]] = 0.5 * (low + high)
         rows = rows[~settled]
     return reach, np.isin(np.arange(len(reach)), rows)
 

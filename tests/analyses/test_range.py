@@ -299,6 +299,25 @@ def test_a_band_by_draws_ends_at_the_limit_of_the_radar():
 
 
 @pytest.mark.all_draws
+@pytest.mark.parametrize(("metres", "value"), [(300, 0.05), (500, 0.5), (1000, 0.02)])
+def test_the_band_ends_where_an_error_of_three_sigma_crosses_the_maximum_range(metres, value):
+    """P_D jumps there from more than the value to 0; the ends are within 0.1 %."""
+    s = scenario(
+        aircraft__rcs={"model": "constant", "rcs_m2": 1},
+        radar__position_m=[0, 0, -20],
+        radar__constant=0.03,
+        radar__detector="swerling1",
+        radar__max_range_km=60,
+        radar__p_fa=1e-6,
+        uncertainty__aircraft={"position_m": metres, "attitude_deg": 1},
+        uncertainty__radar={"medium": {"position_m": 40, "constant": 1e-6}},
+    )
+    found = on_rays(s, 0, p_d=value)
+    assert found.upper == pytest.approx(60e3 + 3 * math.hypot(metres, 40), rel=0.001)
+    assert found.lower == pytest.approx(60e3 - 3 * math.hypot(metres, 40), rel=0.001)
+
+
+@pytest.mark.all_draws
 @pytest.mark.parametrize("constant", [0.002, 20])
 def test_the_band_has_the_errors_of_a_horizon(constant):
     """R_h = √(2 R) (√h + √h') (Blake) of an aircraft at 100 m with 25 m of error, a radar at 20 m.
