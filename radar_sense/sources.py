@@ -40,8 +40,8 @@ from radar_sense.uncertain_states import UncertainStates
 #: The gradient for a source counts as zero where the share of the source is below VANISHING times
 #: its largest share.
 VANISHING = 1e-3
-#: Sources within this part of the largest are equal, as they are printed. Shares are printed to
-#: 0.1 % too, and the least that shows is half of it.
+#: What differs by less than this part of the total is equal, as it is printed. Shares are to
+#: 0.1 %, too, and the least that shows is half of it.
 TIE = 1e-3
 
 
@@ -83,7 +83,11 @@ class Contribution:
     @property
     def meaning(self) -> str:
         """The source in the meaning of a column."""
-        named = {"total": "all sources together", "interaction": "interactions of sources"}
+        named = {
+            "total": "all sources together",
+            "interaction": "interactions of sources",
+            "aircraft": "position and orientation of the aircraft alone",
+        }
         return named.get(self.name, f"{self.name} alone")
 
 
@@ -130,17 +134,6 @@ class Budget:
         unknown = self.total.std[self.pose] ** 2 - sum(known.values())
         is_largest = known and (len(known) == len(variance) or known[top] > unknown)
         return self.sources[top] if is_largest else None
-
-    @property
-    def first(self) -> list[Contribution]:
-        """Sources that are equally the largest at the pose. Parts stand for their source."""
-        if self.dominant is None:
-            return []
-        whole = {part.part_of for part in self.parts.values()}
-        each = (*self.sources.values(), *self.parts.values())
-        std = {c.name: (c, c.std[self.pose]) for c in each if c.name not in whole}
-        most = max((value for _, value in std.values() if np.isfinite(value)), default=0.0)
-        return [c for c, value in std.values() if value >= (1.0 - TIE) * most]
 
     def interaction_is_noise(self, method: str) -> bool:
         """Return whether the interaction at the pose may be one of draws or rounding."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from functools import partial
 
@@ -24,7 +24,7 @@ from radar_sense.command import (
 from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
-from radar_sense.sources import Budget, Contribution, error_budget, value_function
+from radar_sense.sources import TIE, Budget, Contribution, error_budget, sources_of, value_function
 
 #: Half the deviation of a part must reduce the total by this part, to be worth a measurement.
 LEAST_GAIN = 0.01
@@ -93,8 +93,8 @@ def budget(
     off = std_off_in_scenario(scenario, found.mean, total.std, method=method)
     if at_pose == 0 and not off.any():
         result.report += ["nothing to measure: P_D is certain"]
-    elif at_pose > 0 and found.first:
-        result.report += [_know_first(scenario, found.first, at_pose, pose)]
+    elif at_pose > 0:
+        result.report += [_know_first(scenario, found)]
     chosen = words.level_and_method(scenario.level, method)
     result.report += [f"3 sigma of P_D ({chosen}) at {axis.at(pose)}, and share of its variance:"]
     ranked, below = (
@@ -164,21 +164,46 @@ def _row(c: Contribution, pose: int, width: int) -> str:
     return f"  {label:{width}}{value:6}{share}".rstrip()
 
 
-def _know_first(scenario: Scenario, first: Sequence[Contribution], total: float, pose: int) -> str:
-    """Return the one answer to what should be known better first, at the pose of the total."""
-    names = words.listed(c.name for c in first)
-    share = f"{first[0].share[pose]:.1%} of the variance of P_D at {scenario.axis.at(pose)}"
+def _know_first(scenario: Scenario, found: Budget) -> str:
+    """Return what should be known better first, where the total is largest.
+
+    This is what leaves least if its deviation is halved. Sobol' indices have no such number: there
+    it is the source with the largest share.
+    """
+    pose, total, method = found.pose, float(found.total.three_sigma[found.pose]), scenario.method
+    if method == MONTE_CARLO:
+        candidates = found.sources
+        left = {name: -float(c.std[pose]) for name, c in candidates.items()}
+    else:
+        candidates = _measurable(scenario, found)
+        value = value_function(scenario.at_poses(np.array([pose])), method)
+        left = {name: float(value([name], 0.5)[0]) for name in candidates}
+    least = min(left.values(), key=lambda value: np.nan_to_num(value, nan=np.inf))
+    first = [candidates[name] for name, value in left.items() if value <= least + TIE * total]
+    names, remains = words.listed(c.name for c in first), words.probability(abs(least))
+    if method != MONTE_CARLO and not least <= (1.0 - LEAST_GAIN) * total:
+        return f"no source is worth a measurement: half of {names} leaves {remains}"
+    place, answer = scenario.axis.at(pose), f"know better first: {names}"
     if len(first) > 1:
-        return f"know better first: {names} equally, each {share}"
-    answer = f"know better first: {names}, {share}"
-    if scenario.method == MONTE_CARLO:
+        answer += f" equally, at {place}"
+    else:
+        answer += f", {first[0].share[pose]:.1%} of the variance of P_D at {place}"
+    if method == MONTE_CARLO:
         return answer
-    at_pose = scenario.at_poses(np.array([pose]))
-    (halved,) = value_function(at_pose, scenario.method)([names], 0.5)
-    left = words.probability(halved)
-    if halved > (1.0 - LEAST_GAIN) * total:
-        return f"no source is worth a measurement: half of {names} leaves {left}"
-    return f"{answer}; half its deviation leaves {left} of {words.probability(total)}"
+    whose = "its deviation" if len(first) == 1 else "the deviation of one"
+    return f"{answer}; half {whose} leaves {remains} of {words.probability(total)}"
+
+
+def _measurable(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
+    """Return the sources by name. Parts and the rest of a radar stand for one with parts."""
+    every, whole = sources_of(scenario), {part.part_of for part in found.parts.values()}
+    rest = {
+        name: c
+        for name, c in found.finer.items()
+        if c.part_of in whole and not any(every[name].overlaps(every[p]) for p in found.parts)
+    }
+    sources = {name: c for name, c in found.sources.items() if name not in whole}
+    return {**sources, **rest, **found.parts}
 
 
 def _draw(figure: Figure, result: Result, found: Budget) -> None:

@@ -1,5 +1,7 @@
 """The budget: sums of shares, indices in closed form, and required accuracies."""
 
+import re
+
 import numpy as np
 import pytest
 import yaml
@@ -16,6 +18,7 @@ from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 from radar_sense.sources import error_budget
+from radar_sense.states import CONSTANT, RCS_ERROR
 from radar_sense.words import describe_poses, probability
 
 FEW = {"start": 0, "stop": 90, "step": 15}
@@ -431,3 +434,36 @@ def test_the_figure_names_a_band_and_not_a_unit():
     labels = axes.get_legend_handles_labels()[1]
     assert {"aircraft rcs s", "aircraft rcs l", "type gap filler gain [dBi]"} <= set(labels)
     assert {"coast noise figure [dB]", "long_range"} <= set(labels)
+
+
+def test_what_to_know_first_is_what_leaves_least_if_it_is_halved():
+    """By `form` c_r alone makes P_D more uncertain than the RCS does, but not both together."""
+    s = scenario(
+        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
+        geometry__range_km=300,
+        aircraft__rcs={"model": "constant", "rcs_m2": 0.1},
+        radar__constant=854,
+        radar__detector="swerling1",
+        radar__p_fa=1e-6,
+        uncertainty__aircraft={"position_m": 10, "attitude_deg": 1, "rcs_db": 5.2},
+        uncertainty__radar={"medium": {"position_m": 10, "constant": 0.25 * 854}},
+    )
+    result = analyses.budget(s, method="form")
+    alone, states = result.summary["at_largest"], s.states()
+    assert max(alone, key=alone.get) == "radar_constant"
+    left = []
+    for component in (CONSTANT, RCS_ERROR):
+        halved = np.ones(7)
+        halved[component] = 0.5
+        given = (
+            s.aircraft,
+            states.radar,
+            s.cov_aircraft,
+            states.cov_radar * np.outer(halved, halved),
+        )
+        left.append(3 * float(rs.propagate(s.model, *given, method="form").std[0]))
+    assert left[1] < 0.7 * left[0]
+    assert result.report[0].startswith("know better first: aircraft_rcs, ")
+    (shown,) = re.findall(r"half its deviation leaves (0\.\d+) of ", result.report[0])
+    # the second derivatives of z are those at the whole deviation
+    assert float(shown) == pytest.approx(left[1], rel=0.01)

@@ -195,3 +195,21 @@ def test_the_name_of_a_radar_changes_no_number():
         assert list(found) == list(expected)
         for name, std in expected.items():
             assert_array_equal(found[name], std)
+
+
+@pytest.mark.parametrize("method", ["linear", "montecarlo"])
+def test_a_badly_known_place_of_a_radar_with_a_data_sheet_comes_first(method):
+    """By `linear`, half the deviation of a source leaves √(total² − ¾ of its own)."""
+    radars = mixed_radars()
+    radars[0]["uncertainty"]["sheet"]["position_m"] = 15_000
+    s = mixed_network(radars, sweep=(60, 60, 1), runs=2048).with_analysis(method=method)
+    result = analyses.budget(s)
+    table = {name: float(values[0]) for name, values in result.table.items()}
+    total, own = table["three_sigma_total"], table.get("three_sigma_a_position")
+    if method == "linear":
+        assert result.report[0].startswith("know better first: a_position, ")
+        assert result.report[0].endswith(
+            f"leaves {np.sqrt(total**2 - 0.75 * own**2):.4f} of {total:.4f}"
+        )
+    else:  # Sobol' indices are of whole radars
+        assert result.report[0].startswith("know better first: a, ")
