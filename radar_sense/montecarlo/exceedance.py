@@ -65,11 +65,12 @@ class Exceedance:
 def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
     """Draw runs of the whole path, and count where P_D exceeds a limit.
 
-    Fewer runs are made where they would be more than `MAX_DRAWS` draws.
+    Fewer runs are made where they would be more than `MAX_DRAWS` draws, but never fewer than
+    `LEAST_RUNS`: the printed digits of a probability need them.
     """
     poses = len(scenario.aircraft)
     affordable = int(MAX_DRAWS / (poses * len(scenario.model.radars)))
-    runs = max(min(runs, MAX_RUNS, affordable), min(LEAST_RUNS, runs))
+    runs = max(min(runs, MAX_RUNS, affordable), LEAST_RUNS)
     share = _shares_of_time(scenario)
     counts, hits, done = np.zeros(poses, dtype=np.intp), 0, 0
     total = squares = 0.0
