@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.form import Form
-from radar_sense.propagation.looks import LAST, MANY, PRECISE, Looks
+from radar_sense.propagation.looks import FIRST, LAST, MANY, PRECISE, Looks
 from radar_sense.propagation.moments import Distribution
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
@@ -48,8 +48,8 @@ def judged(
 
     Up to `MANY` draws are made until both values are confirmed or one is off. Draws to precision,
     up to `LAST`, may replace the values: they are made until both values are confirmed, or until
-    the draws are better. They are better if a value that is not confirmed differs by more than the
-    noise, and the noise of both is small enough.
+    the draws are better. They are better if they are more than a first look, a value that is not
+    confirmed differs by more than the noise, and the noise of both is small enough.
 
     The two values by a method, each (k,), are the bounds, to `read` with `of_bounds`, or mean and
     σ, with `of_moments`.
@@ -66,7 +66,8 @@ def judged(
         off = ~(difference <= np.maximum(tolerance, LEAST_CHANGE) + noise)
         confirmed = ~off & (difference + noise <= np.maximum(tolerance, LEAST_TOLD))
         better = np.any(~(confirmed | (difference <= noise)), axis=0)
-        better &= np.all(noise <= small, axis=0)
+        # of a first look, an error that is small may be small by chance
+        better &= np.all(noise <= small, axis=0) & (found.draws > FIRST)
         return np.all(confirmed, axis=0), np.any(off, axis=0), better
 
     def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:

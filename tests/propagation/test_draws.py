@@ -16,8 +16,8 @@ from studies.bands.populations import diagonal, slope, with_snr
 
 import radar_sense as rs
 from radar_sense.propagation import METHODS, propagate, propagate_scenario, unreliable_in_scenario
-from radar_sense.propagation.automatic import Automatic
-from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.automatic import Automatic, judged, of_bounds
+from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.emphasis import Mixture
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.plain import PlainDraws
@@ -287,3 +287,20 @@ def test_small_bounds_of_the_corridor_are_those_of_plain_draws():
     assert np.all(form.lower > 1.15 * lower)
     assert np.all(abs(found.lower - lower) < 0.1 * lower + 4 * (error + found.error))
     assert unreliable_in_scenario(s, form, method="form").all()
+
+
+def test_a_first_look_confirms_a_method_and_does_not_replace_it():
+    """Its standard error may be small by chance; the next look decides."""
+
+    class Looks:
+        def until(self, settled, most):
+            for draws, value in ((1024, 0.3), (4096, 0.4)):
+                found = Estimate(np.full((5, 1), value), np.full((5, 1), 1e-4), np.full(1, draws))
+                if settled(np.array([0]), found)[0]:
+                    break
+            return found
+
+    for by_method, seen in ((0.3, 1024), (0.4, 4096), (0.35, 4096)):
+        values = np.full(1, by_method), np.full(1, by_method)
+        drawn, confirmed, _ = judged(Looks(), values, of_bounds, to_precision=True)
+        assert (drawn.draws[0], confirmed[0]) == (seen, by_method != 0.35)
