@@ -178,7 +178,8 @@ def mission(
         result.report.append("each radar alone, by the end:")
         rows = {
             one.radar: ", ".join(
-                f"{event.key} {words.probability(found.p[-1])} ({_band(found, 'to')})"
+                f"{event.key} {words.probability(found.p[-1])}, "
+                f"on average {words.probability(found.mean[-1])} ({_band(found, 'to')})"
                 for event, found in one.events.items()
             )
             + f", every {period:g} s"
@@ -279,10 +280,11 @@ def _band(found: Cumulative, to: str) -> str:
 
 
 def _answer(name: str, found: Cumulative, level: str, axis: Axis, k: float) -> list[str]:
-    """Return the probability by the end with its bounds, and the times of the milestones."""
+    """Return the probability by the end with its mean and bounds, and when it is reached."""
     lines = [
-        f"{name} by {axis.at(-1)}: {words.probability(found.p[-1])}, between "
-        f"{_band(found, 'and')} ({k:g} sigma, {level})"
+        f"{name} by {axis.at(-1)}: {words.probability(found.p[-1])} at the nominal states, "
+        f"{words.probability(found.mean[-1])} on average, between {_band(found, 'and')} "
+        f"({k:g} sigma, {level})"
     ]
     for milestone in MILESTONES:
         time, earliest, latest = (

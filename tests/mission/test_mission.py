@@ -211,8 +211,12 @@ def test_report(tool):
     for p, name in (("cumulative_p_d", "detection"), ("track_p_d", "track, 3 of 5")):
         before = "track_" if p == "track_p_d" else ""
         ends = [found[f"{before}{end}_3sigma"][-1] for end in ("lower", "upper")]
-        value, lower, upper = (probability(v) for v in (found[p][-1], *ends))
-        assert f"{name} by 1500 s: {value}, between {lower} and {upper} (3 sigma, medium)\n" in out
+        mean = found["mean_track" if before else "mean_cumulative"][-1]
+        value, mean, lower, upper = (probability(v) for v in (found[p][-1], mean, *ends))
+        assert (
+            f"{name} by 1500 s: {value} at the nominal states, {mean} on average, between {lower} "
+            f"and {upper} (3 sigma, medium)\n"
+        ) in out
         event = {"cumulative_p_d": "detection", "track_p_d": "track"}[p]
         error = summary["largest_standard_error_of_bounds"][event]["value"]
         ends = [found[f"{before}{end}_3sigma_se"] for end in ("lower", "upper")]

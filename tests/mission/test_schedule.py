@@ -327,8 +327,8 @@ def test_report_and_record(tool, tmp_path):
     for line, (name, of_radar) in zip(lines[at + 1 :], radars.items(), strict=False):
         ends = [of_radar[event]["at_end"] for event in ("detection", "track")]
         detection, track = (
-            f"{probability(e['p'])} ({probability(e['lower_3sigma'])} to "
-            f"{probability(e['upper_3sigma'])})"
+            f"{probability(e['p'])}, on average {probability(e['mean'])} "
+            f"({probability(e['lower_3sigma'])} to {probability(e['upper_3sigma'])})"
             for e in ends
         )
         every = f"every {of_radar['scan_period_s']:g} s"
