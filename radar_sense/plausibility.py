@@ -13,14 +13,15 @@ from radar_sense.acceptance.refinement import along, coarse_steps, places
 from radar_sense.flight import Path
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, elevation_of, radar_from_aircraft, slant_range
+from radar_sense.model.horizon import horizon_range
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import BOUND_CHANGE
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, DOWN, POSITION, RADAR
-from radar_sense.words import describe_poses, placed, warning
+from radar_sense.words import describe_poses, listed, placed, warning
 
-#: Greatest speed [m/s] and slant range [m] without a warning.
-MAX_SPEED, MAX_RANGE = 2e3, 5e6
+#: Greatest speed [m/s] without a warning.
+MAX_SPEED = 2e3
 #: Least height above the ellipsoid [m]: the lowest land minus the greatest depth of the geoid.
 MIN_HEIGHT = -600.0
 #: Greatest height [m]: the edge of space (Fédération Aéronautique Internationale, Sporting Code,
@@ -115,17 +116,24 @@ def _lowest_down(scenario: Scenario) -> float:
     return max(0.0, float(scenario.radar_states[:, DOWN].max()))
 
 
+def _names(scenario: Scenario) -> list[str]:
+    """Return the name of each radar (m,) for a sentence."""
+    return [f"radar {name}" for name in scenario.model.names] or ["the radar"]
+
+
 def _range(scenario: Scenario) -> Iterator[str]:
-    farthest = np.array([slant_range(scenario.aircraft, r).max() for r in scenario.radar_states])
-    number = int(np.argmax(farthest))
-    if farthest[number] > MAX_RANGE:
-        names = scenario.model.names
-        radar = f"radar {names[number]}" if names else "the radar"
+    """Yield a warning of radars at which no pose is within the horizon of an aircraft so high."""
+    highest = np.maximum(-scenario.aircraft[:, DOWN].min(), MAX_HEIGHT)
+    beyond = horizon_range(np.zeros(()), highest)
+    each = zip(_names(scenario), scenario.radar_states, strict=True)
+    nearest = {name: slant_range(scenario.aircraft, radar).min() for name, radar in each}
+    far = {name: distance for name, distance in nearest.items() if distance > beyond}
+    if far:
         order = "" if scenario.origin is None else ", and latitude and longitude in their order"
         yield warning(
             "too-far",
-            f"the aircraft is up to {farthest[number] / 1e3:.4g} km from {radar}: are positions in "
-            f"their units{order}?",
+            f"the aircraft is at least {min(far.values()) / 1e3:.4g} km from {listed([*far])}: are "
+            f"positions in their units{order}?",
         )
 
 
@@ -250,6 +258,6 @@ def _constant(scenario: Scenario) -> Iterator[str]:
     if std[worst] > constant[worst]:
         yield warning(
             "uncertainty-large",
-            f"sigma of c_r, {std[worst]:.4g}, is above c_r itself, {constant[worst]:.4g}, at the "
-            f"level {scenario.level}: are both in the same unit?",
+            f"sigma of c_r of {_names(scenario)[worst]}, {std[worst]:.4g}, is above c_r itself, "
+            f"{constant[worst]:.4g}, at the level {scenario.level}: are both in the same unit?",
         )

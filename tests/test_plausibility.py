@@ -1,8 +1,10 @@
 """Warnings of scenarios that are allowed but implausible, by every analysis and by `check`."""
 
+import dataclasses
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from helpers import document, scenario, write_path
@@ -58,6 +60,16 @@ def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
     assert words in "".join(geodetic(tmp_path, radar=radar))
 
 
+@pytest.mark.parametrize(("km", "far"), [(1190, False), (1210, True)])
+def test_a_network_of_which_one_radar_is_elsewhere(km, far):
+    """The nearest pose is 500 km east: 1303 km away it is beyond the horizon of any aircraft."""
+    s = scenario()
+    (radar,) = s.radars
+    there = dataclasses.replace(radar, name="there", state=np.array([-1e3 * km, 0, 0, 167]))
+    s = dataclasses.replace(s, radars=(dataclasses.replace(radar, name="here"), there))
+    assert ("km from radar there: are" in "".join(plausibility_warnings(s))) == far
+
+
 def test_below_the_ground(tmp_path):
     (warning,) = plausibility_warnings(scenario(geometry__down_km=3))
     assert "3000 m below the origin and below every radar at all 361 poses" in warning
@@ -88,7 +100,7 @@ def sigma_of_constant(value, level="medium"):
 #: An implausible scenario, its only warning, and one that is still plausible.
 IMPLAUSIBLE = [
     ({"radar__max_range_km": 100}, "no radar sees the aircraft at a nominal pose: see max_ra", {}),
-    (away(5100), "the aircraft is up to 5100 km from the radar: are positions", away(4900)),
+    (away(1310), "the aircraft is at least 1310 km from the radar: are positions", away(1300)),
     (
         {"geometry__down_km": -3000, **sigma(1), "radar__constant": 1e6},
         "the aircraft is up to 3000 km above the origin: is the height in its unit? [too-high]",
@@ -102,12 +114,16 @@ IMPLAUSIBLE = [
     ),
     (
         sigma_of_constant(168),
-        "sigma of c_r, 168, is above c_r itself, 167, at the level medium: are both in the same "
-        "unit? [uncertainty-large]",
+        "sigma of c_r of the radar, 168, is above c_r itself, 167, at the level medium: are both "
+        "in the same unit? [uncertainty-large]",
         sigma_of_constant(166),
     ),
     # of the level in use only
-    (sigma_of_constant(168), "sigma of c_r, 168, is above", sigma_of_constant(168, "high")),
+    (
+        sigma_of_constant(168),
+        "sigma of c_r of the radar, 168, is above",
+        sigma_of_constant(168, "high"),
+    ),
     (  # P_D above its floor by 1e-4 of it is no reason
         {"radar__constant": 1e-12, **CERTAIN},
         "P_D is at its floor at all poses, 0.00",
