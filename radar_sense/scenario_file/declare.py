@@ -36,6 +36,8 @@ S = TypeVar("S")
 Schema = dict[str, Any]
 
 REQUIRED: Any = dataclasses.MISSING
+#: Most sections that an error names.
+NAMED = 3
 #: Most digits of a number. A seed may have more digits than a float, and Python takes 4300.
 MAX_DIGITS = 400
 _INFINITE = re.compile(r"\+?\.?inf(inity)?", re.IGNORECASE)
@@ -202,6 +204,37 @@ def sections(cls: type, title: str = "") -> Iterator[tuple[str, type]]:
 # Reading and writing sections.
 
 
+class UnknownKeyError(InputError):
+    """The error of a key that its section does not have.
+
+    Args:
+        place: Where the section is.
+        name: The key.
+        allowed: The keys of the section.
+        owners: Titles of sections that have the key.
+    """
+
+    def __init__(
+        self, place: Place, name: str, allowed: Sequence[str], owners: Sequence[str] = ()
+    ) -> None:
+        self.place, self.name, self.allowed, self.owners = place, name, allowed, owners
+        at = place.of_key(name)
+        meant = allowed if at.is_set else [k for k in allowed if k not in place.items()]
+        hint = f"; it is a key of {', '.join(owners)}" if owners else did_you_mean(name, meant)
+        text = f"unknown key {describe(name)}, allowed: {', '.join(allowed)}{hint}"
+        super().__init__(str(at.error(text)))
+
+
+def read_file(place: Place, cls: type[S]) -> S:
+    """Read the mapping of a whole file. An unknown key may be one of any section of the file."""
+    try:
+        return read(place, cls)
+    except UnknownKeyError as error:
+        names = {title: {k.name for k in keys_of(c)} for title, c in sections(cls) if title}
+        owners = error.owners or [title for title, keys in names.items() if error.name in keys]
+        raise UnknownKeyError(error.place, error.name, error.allowed, owners[:NAMED]) from error
+
+
 def read(place: Place, cls: type[S], word: str = "", others: Mapping[str, type] | None = None) -> S:
     """Read a mapping into a section.
 
@@ -218,7 +251,7 @@ def read(place: Place, cls: type[S], word: str = "", others: Mapping[str, type] 
             below = [(k.name, c) for k in keys for c in k.kind.sections().values()]
             elsewhere = [*(others or {}).items(), *below]
             owners = dict.fromkeys(o for o, c in elsewhere if name in (k.name for k in keys_of(c)))
-            raise _unknown(place, name, allowed, owners)
+            raise UnknownKeyError(place, name, allowed, [*owners])
     _check_present(place, items, keys, word)
     return _made(cls, {k.field: k.kind.read(items[k.name]) for k in keys if k.name in items}, place)
 
@@ -231,19 +264,6 @@ def _made(cls: type[S], values: Mapping[str, Any], place: Place) -> S:
     if isinstance(section, Section):
         object.__setattr__(section, "place", place)  # sections are frozen
     return section
-
-
-def _unknown(
-    place: Place, name: str, allowed: Collection[str], owners: Collection[str] = ()
-) -> InputError:
-    """Return the error for an unknown key of a mapping, which other sections may have."""
-    at = place.of_key(name)
-    hint = f"; it is a key of {', '.join(owners)}" if owners else ""
-    meant = allowed if at.is_set else [other for other in allowed if other not in place.items()]
-    return at.error(
-        f"unknown key {describe(name)}, allowed: {', '.join(allowed)}"
-        + (hint or did_you_mean(name, meant))
-    )
 
 
 def _check_present(
@@ -533,7 +553,7 @@ def by_word(
             known = dict.fromkeys(k.name for cls in members.values() for k in keys_of(cls))
             unknown = [name for name in items if name not in known]
             if unknown:
-                raise _unknown(place, unknown[0], [word, *known])
+                raise UnknownKeyError(place, unknown[0], [word, *known])
             raise place.error(f"missing key '{word}', one of {', '.join(members)}")
         cls = members[read_word(items[word], members, synonyms)]
         return read(place, cls, word, members)

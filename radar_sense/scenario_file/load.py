@@ -65,7 +65,7 @@ def parse_scenario(
         words = value if isinstance(value, str) else json.dumps(value, default=str)
         root = Place(changed(root.node, str(key), words), "", source)
     again = partial(_again, text, source, dict(changes or {}))
-    return build(declare.read(root, sections.File), again)
+    return build(declare.read_file(root, sections.File), again)
 
 
 def _again(
