@@ -232,6 +232,14 @@ def nominal_width(figure: Figure) -> float:
     return figure.get_figwidth() / points(1.0)
 
 
+def colours_of_p_d() -> mpl.colors.Colormap:
+    """Return the colours of P_D on a map, and a red where there is no value.
+
+    Their lightness grows with P_D, also in a grey print.
+    """
+    return mpl.colormaps["cividis"].with_extremes(bad="lightcoral")
+
+
 def add_small_print(figure: Figure, text: str) -> None:
     """Add words to the small print of a figure, on a line of their own."""
     if figure.get_supxlabel():
@@ -449,7 +457,12 @@ def draw_line(
 
 
 def coloured_line(
-    axes: Axes, x: FloatArray, y: FloatArray, values: FloatArray, colours: str, label: str
+    axes: Axes,
+    x: FloatArray,
+    y: FloatArray,
+    values: FloatArray,
+    colours: mpl.colors.Colormap,
+    label: str,
 ) -> None:
     """Draw a line with the colour of a value from 0 to 1 at each point; a single point as a dot.
 

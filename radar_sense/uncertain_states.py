@@ -172,10 +172,14 @@ class UncertainStates:
 
         What is left out by this has a probability below the rounding of P_D.
         """
-        of_aircraft = REACH * np.sqrt(largest_variance(self.cov_aircraft, POSITION))
+        return self.sight_within(REACH)
+
+    def sight_within(self, reach: float) -> NDArray[np.int8]:
+        """Return whether radars (k, m) see the aircraft at errors within `reach` σ of positions."""
+        of_aircraft = reach * np.sqrt(largest_variance(self.cov_aircraft, POSITION))
         found = []
         for i, radar in enumerate(self.model.radars):
-            of_own = REACH * np.sqrt(largest_variance(self.cov_radar, of_radar(i, POSITION)))
+            of_own = reach * np.sqrt(largest_variance(self.cov_radar, of_radar(i, POSITION)))
             own = self.radar[:, of_radar(i)]
             found.append(radar.sight(self.aircraft, own, of_aircraft, of_own))
         return np.stack(np.broadcast_arrays(*found, np.ones(len(self)))[:-1], axis=-1)

@@ -33,6 +33,7 @@ from radar_sense.coverage.grid import (
     places_at,
     pose_in_cells,
     states_in,
+    upper_bound,
     worst_p_d_in_cells,
 )
 from radar_sense.errors import InputError
@@ -40,14 +41,12 @@ from radar_sense.limits import FORMATS, MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.plausibility import below_ground
-from radar_sense.propagation import AUTOMATIC, band_of_scenario, distribution, no_draws
+from radar_sense.propagation import AUTOMATIC, band_of_scenario, no_draws
 from radar_sense.propagation.automatic import ERRORS, LEAST_CHANGE, tolerance_of
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, FloatArray, blocks
 from radar_sense.words import placed, probability, warning
 
-#: Colours of the map and of the route. Their lightness grows with P_D, also in a grey print.
-COLOURS = "cividis"
 #: Levels of P_D with contour lines, and with areas in the report.
 LEVELS = (0.1, 0.5, 0.9)
 #: Most rows and columns of the cells at which the method is checked.
@@ -163,9 +162,9 @@ def coverage_map(
 
     cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
     area_km2 = cell_km2 * shown.size
-    areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(shown >= level)) for level in contours}
+    areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(~(shown < level))) for level in contours}
     route: FloatArray = (
-        distribution(scenario, method).quantile(k)
+        upper_bound(scenario, method, k)
         if upper
         else scenario.model.p_d(scenario.aircraft, scenario.radar)
     )
@@ -253,18 +252,22 @@ def _unreliable(
     everything = slice(None), slice(None)
     checked = scenario.at_states(states_in(sample, everything, pose, scenario.origin))
     # the bound alone is shown: it may have a value where the moments have none
-    shown = distribution(checked, method).quantile(k)
+    shown = upper_bound(checked, method, k)
     true = band_of_scenario(checked, method=AUTOMATIC, beta=k)
-    difference = abs(true.upper - shown)
     tolerance = np.maximum(tolerance_of(true.upper), LEAST_CHANGE)
-    off = difference > tolerance + ERRORS * true.error
-    if off.any():
-        most = difference[off].max()
+    excess = {"low": true.upper - shown, "high": shown - true.upper}
+    off = {name: values > tolerance + ERRORS * true.error for name, values in excess.items()}
+    found = [
+        f"too {name} in {where.sum()} by up to {excess[name][where].max():.2g}"
+        for name, where in off.items()
+        if where.any()
+    ]
+    if found:
         remedy = "use variance at poses there" if method == "form" else f"use --method {AUTOMATIC}"
         yield warning(
             "band-off",
-            f"the {method} bound is off in {off.sum()} of {off.size} cells that were "
-            f"checked, by up to {most:.2g}; {remedy}",
+            f"the {method} bound is off in some of {shown.size} cells that were checked: "
+            f"{' and '.join(found)}; {remedy}",
         )
 
 
@@ -290,9 +293,13 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     axes.grid(visible=False)
     title = _pose_in_words(result.summary).replace(", roll", "\nroll")  # else too wide
     axes.set_title(title, fontsize=plotting.points(7.5))
+    colours = plotting.colours_of_p_d()
     image = axes.imshow(
-        values, origin="lower", extent=extent, cmap=COLOURS, vmin=0, vmax=1, aspect="equal"
+        values, origin="lower", extent=extent, cmap=colours, vmin=0, vmax=1, aspect="equal"
     )
+    # straight above a radar there is no gradient: one cell a radar needs no words
+    if np.count_nonzero(np.isnan(values)) > len(scenario.radars):
+        plotting.add_small_print(figure, "red: no value")
     k = result.summary.get("k", 3.0)
     name = rf"Upper ${k:g}\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
     of_headings = "Largest $P_D$ over all headings"
@@ -322,7 +329,7 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
             bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=plotting.points(0.8))
     poses, radars = scenario.aircraft / 1e3, scenario.radar_states / 1e3
     label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
-    plotting.coloured_line(axes, poses[:, 1], poses[:, 0], route, COLOURS, label)
+    plotting.coloured_line(axes, poses[:, 1], poses[:, 0], route, colours, label)
     if scenario.time_s is not None:
         plotting.mark(axes, poses[:1], "o", 4.0, "start")
         plotting.mark(axes, poses[-1:], "s", 4.0, "end")

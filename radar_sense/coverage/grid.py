@@ -19,16 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.cost import EVALUATIONS, foresee
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, check_choice
 from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import join
+from radar_sense.model.radar import ALWAYS, NEVER
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.progress import report
-from radar_sense.propagation import distribution
+from radar_sense.propagation import METHODS
 from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
 from radar_sense.states import ATTITUDE, DOWN, POSITION, YAW, FloatArray, blocks
+from radar_sense.uncertain_states import in_sight
 
 #: Largest number of cells of a map, which take 100 MB in single precision.
 MAX_CELLS = 25_000_000
@@ -166,13 +168,31 @@ def p_d_in_cells(
         p_d = scenario.model.p_d(aircraft, scenario.radar)
         if method is None:
             return (p_d,)
-        bound = distribution(scenario.at_states(aircraft), method).quantile(beta)
-        return p_d, bound.reshape(p_d.shape)
+        return p_d, upper_bound(scenario.at_states(aircraft), method, beta).reshape(p_d.shape)
 
     at_cell = EVALUATIONS.get(method, EVALUATIONS["form"]) if method else 1.0
     _foresee(scenario, cells, at_cell, workers)
     p_d, *bounds = _in_cells(scenario, cells, pose, planes, workers)
     return p_d, bounds[0] if bounds else None
+
+
+def upper_bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
+    """Return the upper bound of P_D (n,) at Φ(β) by a method, with limits that may be crossed.
+
+    A method leaves out that an error may bring the aircraft within the limits of a radar. Where an
+    error of βσ of the positions may, the radar has no limits here, and the bound is too high.
+    """
+    check_choice("method", method, METHODS)
+    states = scenario.states()
+    bound = np.zeros(len(states))
+    kinds, which = np.unique(states.sight_within(beta), axis=0, return_inverse=True)
+    for i, sight in enumerate(kinds):
+        if np.any(sight != NEVER):
+            rows = np.flatnonzero(which.ravel() == i)
+            always = np.where(sight == NEVER, sight, ALWAYS)
+            part = states.at(rows).of_radars(*in_sight(states.model, always))
+            bound[rows] = METHODS[method](part).quantile(beta)
+    return bound
 
 
 def worst_p_d_in_cells(

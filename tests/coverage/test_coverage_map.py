@@ -455,20 +455,26 @@ def test_the_bound_at_another_k():
     np.testing.assert_allclose(grown, 0, atol=1e-6)
 
 
-def test_a_bound_that_is_off_says_by_how_much():
-    """A radar sees nothing beyond its limit by FORM, and the aircraft may be within it."""
+@pytest.mark.parametrize("limits", [{"max_range_km": 41.2}, {"min_range_km": 45}])
+def test_a_limit_that_errors_may_cross_does_not_lower_the_bound(limits):
+    """By FORM a radar sees nothing beyond its limit, and the aircraft may be within it."""
     s = scenario(
-        radar={"position_m": [0, 0, 0], "p_fa": 1e-6, "constant": 50, "max_range_km": 41.2},
+        radar={"position_m": [0, 0, 0], "p_fa": 1e-6, "constant": 50, **limits},
         aircraft__rcs={"model": "constant", "rcs_m2": 1.0},
         uncertainty={
-            "aircraft": {"position_m": 2000, "attitude_deg": 1},
+            "aircraft": {"position_m": 1000, "attitude_deg": 1},
             "radar": {"s": {"position_m": 10, "constant": 1}},
         },
         analysis={"level": "s", "method": "automatic"},
     )
-    result = coverage_map(s, upper=True, step_km=5, north_km=(38, 48), east_km=(-5, 5))
-    (warning,) = (text for text in result.warnings if text.endswith("[band-off]"))
-    assert re.search(r"by up to (1|0\.9\d?); use variance at poses there", warning), warning
+    result = coverage_map(s, upper=True, step_km=1, north_km=(38, 50), east_km=(-5, 5))
+    shown = result.table["upper_3sigma"].ravel()
+    states = poses_of(s, area.Grid(result.table["north_m"], result.table["east_m"]))
+    true = propagate_scenario(s.at_states(states))
+    assert np.all(shown >= true.upper - 0.005 - 3 * true.error)
+    assert shown.min() == 0  # beyond three sigma of the limit
+    for warning in (text for text in result.warnings if text.endswith("[band-off]")):
+        assert re.search(r"checked: too high in \d+ by up to [\d.]+; use variance at", warning)
 
 
 def test_a_bound_that_is_shown_is_judged_where_the_moments_have_no_value():
