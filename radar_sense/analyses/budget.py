@@ -175,7 +175,12 @@ def _know_first(scenario: Scenario, found: Budget) -> str:
         candidates = found.sources
         left = {name: -float(c.std[pose]) for name, c in candidates.items()}
     else:
-        candidates = _measurable(scenario, found)
+        # what alone shows nothing at the pose shows nothing if it is halved
+        candidates = {
+            name: c
+            for name, c in _measurable(scenario, found).items()
+            if not c.three_sigma[pose] < TIE * total
+        }
         value = value_function(scenario.at_poses(np.array([pose])), method)
         left = {name: float(value([name], 0.5)[0]) for name in candidates}
     least = min(left.values(), key=lambda value: np.nan_to_num(value, nan=np.inf))

@@ -48,8 +48,8 @@ def judged(
 
     Up to `MANY` draws are made until both values are confirmed or one is off. Draws to precision,
     up to `LAST`, may replace the values: they are made until both values are confirmed, or until
-    the draws are better. They are better if they are more than a first look, a value that is not
-    confirmed differs by more than the noise, and the noise of both is small enough.
+    the draws are better. They are better if a value that is not confirmed differs by more than the
+    noise, and the noise of both is small enough, of a first look half as large.
 
     The two values by a method, each (k,), are the bounds, to `read` with `of_bounds`, or mean and
     σ, with `of_moments`.
@@ -66,8 +66,8 @@ def judged(
         off = ~(difference <= np.maximum(tolerance, LEAST_CHANGE) + noise)
         confirmed = ~off & (difference + noise <= np.maximum(tolerance, LEAST_TOLD))
         better = np.any(~(confirmed | (difference <= noise)), axis=0)
-        # of a first look, an error that is small may be small by chance
-        better &= np.all(noise <= small, axis=0) & (found.draws > FIRST)
+        # of a first look an error may be small by chance
+        better &= np.all(noise <= np.where(found.draws > FIRST, small, 0.5 * small), axis=0)
         return np.all(confirmed, axis=0), np.any(off, axis=0), better
 
     def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:

@@ -289,18 +289,23 @@ def test_small_bounds_of_the_corridor_are_those_of_plain_draws():
     assert unreliable_in_scenario(s, form, method="form").all()
 
 
-def test_a_first_look_confirms_a_method_and_does_not_replace_it():
+def test_a_first_look_replaces_a_method_only_with_half_the_error_of_another():
     """Its standard error may be small by chance; the next look decides."""
 
     class Looks:
+        def __init__(self, error):
+            self.error = error
+
         def until(self, settled, most):
             for draws, value in ((1024, 0.3), (4096, 0.4)):
-                found = Estimate(np.full((5, 1), value), np.full((5, 1), 1e-4), np.full(1, draws))
+                errors = np.full((5, 1), self.error)
+                found = Estimate(np.full((5, 1), value), errors, np.full(1, draws))
                 if settled(np.array([0]), found)[0]:
                     break
             return found
 
-    for by_method, seen in ((0.3, 1024), (0.4, 4096), (0.35, 4096)):
+    # 2.5 errors of a first look may be 0.0025, and 0.005 of a further one
+    for error, by_method, seen in ((9e-4, 0.35, 1024), (11e-4, 0.35, 4096), (11e-4, 0.3, 1024)):
         values = np.full(1, by_method), np.full(1, by_method)
-        drawn, confirmed, _ = judged(Looks(), values, of_bounds, to_precision=True)
-        assert (drawn.draws[0], confirmed[0]) == (seen, by_method != 0.35)
+        drawn, confirmed, _ = judged(Looks(error), values, of_bounds, to_precision=True)
+        assert (drawn.draws[0], confirmed[0]) == (seen, by_method == 0.3)
