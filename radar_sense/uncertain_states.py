@@ -184,20 +184,24 @@ class UncertainStates:
             found.append(radar.sight(self.aircraft, own, of_aircraft, of_own))
         return np.stack(np.broadcast_arrays(*found, np.ones(len(self)))[:-1], axis=-1)
 
-    def by_sight(self) -> Iterator[tuple[NDArray[np.intp], UncertainStates]]:
+    def by_sight(
+        self, sight: NDArray[np.int8] | None = None
+    ) -> Iterator[tuple[NDArray[np.intp], UncertainStates]]:
         """Yield poses (j,), and their states with the radars that may see the aircraft alone.
 
-        Poses that no radar may see are left out, and so is a limit that is out of reach. What a
-        pose has depends on this pose alone.
+        Poses that no radar may see are left out, and so is a limit of a radar that always sees.
+        What a pose has depends on this pose alone. The sight (k, m) is that of all errors if it is
+        not given.
         """
         if len(self.cov_radar) > 1:
             yield np.arange(len(self)), self
             return
-        kinds, which = np.unique(self.sight, axis=0, return_inverse=True)
-        for i, sight in enumerate(kinds):
-            if np.any(sight != NEVER):
+        given = self.sight if sight is None else sight
+        kinds, which = np.unique(given, axis=0, return_inverse=True)
+        for i, kind in enumerate(kinds):
+            if np.any(kind != NEVER):
                 rows = np.flatnonzero(which.ravel() == i)
-                yield rows, self.at(rows).of_radars(*in_sight(self.model, sight))
+                yield rows, self.at(rows).of_radars(*in_sight(self.model, kind))
 
     @cached_property
     def tolerance_normals(self) -> list[list[int]]:

@@ -30,7 +30,6 @@ from radar_sense.propagation import METHODS
 from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
 from radar_sense.states import ATTITUDE, DOWN, POSITION, YAW, FloatArray, blocks
-from radar_sense.uncertain_states import in_sight
 
 #: Largest number of cells of a map, which take 100 MB in single precision.
 MAX_CELLS = 25_000_000
@@ -184,14 +183,9 @@ def upper_bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
     """
     check_choice("method", method, METHODS)
     states = scenario.states()
-    bound = np.zeros(len(states))
-    kinds, which = np.unique(states.sight_within(beta), axis=0, return_inverse=True)
-    for i, sight in enumerate(kinds):
-        if np.any(sight != NEVER):
-            rows = np.flatnonzero(which.ravel() == i)
-            always = np.where(sight == NEVER, sight, ALWAYS)
-            part = states.at(rows).of_radars(*in_sight(states.model, always))
-            bound[rows] = METHODS[method](part).quantile(beta)
+    bound, sight = np.zeros(len(states)), states.sight_within(beta)
+    for rows, part in states.by_sight(np.where(sight == NEVER, NEVER, ALWAYS)):
+        bound[rows] = METHODS[method](part).quantile(beta)
     return bound
 
 
