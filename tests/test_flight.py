@@ -88,3 +88,10 @@ def test_a_geometry_is_of_the_poses_of_its_scenario():
     )
     each = np.repeat(s.cov_aircraft[np.newaxis], 361, axis=0)
     assert not with_arrays(s, cov_aircraft=each).geometry.continuous
+
+
+def test_one_covariance_of_all_poses_is_that_of_the_poses_between_them(tmp_path):
+    """Also of a route that has its own in the file."""
+    path = write_path(tmp_path, ROUTE, geometry__interpolate={"step_s": 15})
+    flown = rs.load_scenario(path).geometry.with_covariance(np.eye(6))
+    np.testing.assert_array_equal(flown.at(np.array([5.0, 7.0])).covariance, np.eye(6))

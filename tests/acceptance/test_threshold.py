@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from helpers import scenario
 
+from radar_sense import analyses
 from radar_sense.acceptance.threshold import ThresholdTest
 
 
@@ -71,3 +73,9 @@ def test_a_verdict_by_draws_is_kept_beside_the_bound():
     both = threshold_test(bound, 0.5, range(5), violated=[True] * 5, unknown=True)
     assert both.violated.all()
     assert not both.unknown.any()
+
+
+def test_a_test_that_few_runs_decide_has_as_many_as_its_digits_need():
+    s = scenario(geometry__azimuth_deg={"start": 45, "stop": 60, "step": 15})
+    result = analyses.variance(s, threshold=0.5, probability=0.2)
+    assert result.summary["threshold"]["runs"] == 4096

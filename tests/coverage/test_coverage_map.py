@@ -499,3 +499,15 @@ def test_a_bound_that_is_shown_is_judged_where_the_moments_have_no_value():
     assert most > 0.01
     (warning,) = (text for text in result.warnings if text.endswith("[band-off]"))
     assert f"by up to {most:.2g}" in warning
+
+
+def test_a_cell_without_a_value_counts_as_above_every_contour():
+    """Straight above the radar the bound by linear has no gradient."""
+    s = scenario(radar__position_m=[0, 0, 0])
+    cells = {"north_km": (-20, 20), "east_km": (-20, 20), "step_km": 20}
+    result = coverage_map(s, upper=True, method="linear", p_d=[0.1, 0.999999], **cells)
+    shown = result.table["upper_3sigma"]
+    assert np.isnan(shown[1, 1])
+    areas = result.summary["area_km2_at_or_above"]
+    for level, area_km2 in areas.items():
+        assert area_km2 == 400 * (1 + np.count_nonzero(shown >= float(level)))
