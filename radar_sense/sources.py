@@ -40,8 +40,8 @@ from radar_sense.uncertain_states import UncertainStates
 #: The gradient for a source counts as zero where the share of the source is below VANISHING times
 #: its largest share.
 VANISHING = 1e-3
-#: What differs by less than this part of the total is equal, as it is printed. Shares are to
-#: 0.1 %, too, and the least that shows is half of it.
+#: What differs by less than this part of the total is equal, as it is printed. A share is printed
+#: to this part, too, and the least that shows is half of it.
 TIE = 1e-3
 
 

@@ -190,8 +190,7 @@ class UncertainStates:
         """Yield poses (j,), and their states with the radars that may see the aircraft alone.
 
         Poses that no radar may see are left out, and so is a limit of a radar that always sees.
-        What a pose has depends on this pose alone. The sight (k, m) is that of all errors if it is
-        not given.
+        What a pose has depends on this pose alone. The default sight (k, m) is `sight`.
         """
         if len(self.cov_radar) > 1:
             yield np.arange(len(self)), self

@@ -41,7 +41,7 @@ MAX_POSES = 20_000
 #: P_D and its bound may differ from straight lines between poses by the smaller of
 #: RELATIVE_TOLERANCE · limit and TOLERANCE, and by DISTANT of their distance below the limit.
 RELATIVE_TOLERANCE, TOLERANCE, DISTANT = 0.01, 0.002, 0.25
-#: Places of closest points and crossings are multiples of this, of 10⁻ᴰᴱᶜᴵᴹᴬᴸˢ.
+#: Decimals of the places of closest points and crossings, and a unit of the last one.
 DECIMALS = 6
 UNIT = 10.0**-DECIMALS
 #: Differences below this part of the greatest value are rounding, and no maximum is searched there.
@@ -262,9 +262,10 @@ def _in_any_order(
 def _bend(place: FloatArray, values: FloatArray) -> FloatArray:
     """Return the distance (n − 1,) of values from straight lines between poses.
 
-    The distance is h²/8 times the second derivative, the greater derivative of the two ends, of
-    those with a value. A derivative across the crossing of a limit is that of a jump, and does not
-    count. The distance is infinite where no end counts.
+    The distance is h²/8 times the second derivative, the greater of those at the two ends. At the
+    crossing of a limit P_D may jump, and has no second derivative. Where both ends of a step are at
+    crossings, and between the only two poses, the distance is infinite. It is 0 beside a pose
+    without a value.
     """
     step = np.diff(place)
     if len(step) < 2:

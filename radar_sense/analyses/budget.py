@@ -94,7 +94,7 @@ def budget(
     if at_pose == 0 and not off.any():
         result.report += ["nothing to measure: P_D is certain"]
     elif at_pose > 0:
-        result.report += [_know_first(scenario, found)]
+        result.report += _know_first(scenario, found)
     chosen = words.level_and_method(scenario.level, method)
     result.report += [f"3 sigma of P_D ({chosen}) at {axis.at(pose)}, and share of its variance:"]
     ranked, below = (
@@ -164,8 +164,8 @@ def _row(c: Contribution, pose: int, width: int) -> str:
     return f"  {label:{width}}{value:6}{share}".rstrip()
 
 
-def _know_first(scenario: Scenario, found: Budget) -> str:
-    """Return what should be known better first, where the total is largest.
+def _know_first(scenario: Scenario, found: Budget) -> list[str]:
+    """Return what should be known better first, where the total is largest, in a line if known.
 
     This is what leaves least if its deviation is halved. Sobol' indices have no such number: there
     it is the source with the largest share.
@@ -175,28 +175,30 @@ def _know_first(scenario: Scenario, found: Budget) -> str:
         candidates = found.sources
         left = {name: -float(c.std[pose]) for name, c in candidates.items()}
     else:
-        # what alone shows nothing at the pose shows nothing if it is halved
+        candidates = _measurable(scenario, found)
+        largest = np.fmax.reduce([c.three_sigma[pose] for c in candidates.values()])
+        # what shows nothing beside the largest shows nothing if it is halved
         candidates = {
-            name: c
-            for name, c in _measurable(scenario, found).items()
-            if not c.three_sigma[pose] < TIE * total
+            name: c for name, c in candidates.items() if not c.three_sigma[pose] < TIE * largest
         }
         value = value_function(scenario.at_poses(np.array([pose])), method)
         left = {name: float(value([name], 0.5)[0]) for name in candidates}
     least = min(left.values(), key=lambda value: np.nan_to_num(value, nan=np.inf))
     first = [candidates[name] for name, value in left.items() if value <= least + TIE * total]
-    names, remains = words.listed(c.name for c in first), words.probability(abs(least))
+    if not first:  # the method has no value with any source halved
+        return []
+    names, remains = words.listed(c.name for c in first), words.probability(least)
     if method != MONTE_CARLO and not least <= (1.0 - LEAST_GAIN) * total:
-        return f"no source is worth a measurement: half of {names} leaves {remains}"
+        return [f"no source is worth a measurement: half of {names} leaves {remains}"]
     place, answer = scenario.axis.at(pose), f"know better first: {names}"
     if len(first) > 1:
         answer += f" equally, at {place}"
     else:
         answer += f", {first[0].share[pose]:.1%} of the variance of P_D at {place}"
     if method == MONTE_CARLO:
-        return answer
+        return [answer]
     whose = "its deviation" if len(first) == 1 else "the deviation of one"
-    return f"{answer}; half {whose} leaves {remains} of {words.probability(total)}"
+    return [f"{answer}; half {whose} leaves {remains} of {words.probability(total)}"]
 
 
 def _measurable(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
