@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -33,6 +34,8 @@ FREQUENCIES = 0.003, 300.0
 #: that an upright plate shows falls by 3 % up to 15°, and its cross section, with the square of the
 #: area, by 0.3 dB.
 MAX_ELEVATION = np.deg2rad(15.0)
+#: Scans and looks are at the same intervals up to this part: the rounding of a data sheet.
+SAME_SCAN = 0.02
 #: P_D counts as at the floor up to this part above the floor.
 ABOVE_FLOOR = 1e-6
 
@@ -41,7 +44,7 @@ def plausibility_warnings(scenario: Scenario) -> tuple[str, ...]:
     """Return a warning for each implausible property of a scenario."""
     checks = (
         *(_speed, _height, _range, _floor, _elevation, _antenna),
-        *(_spacing, _step, _origin, _frequency, _constant),
+        *(_spacing, _step, _origin, _frequency, _scan, _constant),
     )
     return tuple(text for check in checks for text in check(scenario))
 
@@ -247,6 +250,18 @@ def _frequency(scenario: Scenario) -> Iterator[str]:
             f"a radar at {', '.join(odd)}: radars are at {low:g} to {high:g} GHz, is the unit "
             "right?",
         )
+
+
+def _scan(scenario: Scenario) -> Iterator[str]:
+    """Yield a warning if a radar looks at other intervals than its data sheet says."""
+    for name, radar in zip(_names(scenario), scenario.radars, strict=True):
+        period, scan = radar.scan_period, None if radar.sheet is None else radar.sheet.scan_time
+        if period and scan and not math.isclose(period, scan, rel_tol=SAME_SCAN):
+            yield warning(
+                "scan-differs",
+                f"{name} looks every {period:.4g} s, by scan_period_s, and its data sheet has "
+                f"scans of {scan:.4g} s: c_r has the energy of a scan",
+            )
 
 
 def _constant(scenario: Scenario) -> Iterator[str]:

@@ -91,6 +91,10 @@ WARNINGS: dict[str, str] = {
         "Aspect or range change so much between two rows of a path that P_D between them may "
         "differ from both. Let geometry.interpolate add poses."
     ),
+    "scan-differs": (
+        "The radar constant of a surveillance radar has the energy of one scan, so the radar looks "
+        "once a scan. Leave scan_period_s out, or correct the scan of the data sheet."
+    ),
     "runs-few": ("A rate is a slope over several numbers of runs. With fewer it is hardly known."),
     "sigma-off": (
         "Draws say that sigma by the method is off by more than 5 %. Use the method automatic, "

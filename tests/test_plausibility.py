@@ -151,6 +151,25 @@ def test_a_frequency_that_no_radar_has(typed, shown):
     assert plausibility_warnings(parse_scenario(text)) == ()
 
 
+SCANNING = "configs/s_band_surveillance.yaml"
+
+
+def test_a_surveillance_radar_looks_once_a_scan():
+    (radar,) = rs.load_scenario(SCANNING).radars
+    assert radar.scan_period == pytest.approx(60 / 12.5)
+    (other,) = rs.load_scenario(SCANNING, {"radar.scan_period_s": 10}).radars
+    assert other.scan_period == 10
+
+
+@pytest.mark.parametrize(("period", "warned"), [(4.75, False), (4.85, False), (10, True)])
+def test_looks_at_other_intervals_than_the_scans(period, warned):
+    warnings = plausibility_warnings(rs.load_scenario(SCANNING, {"radar.scan_period_s": period}))
+    assert warnings[:1] == warned * (
+        "the radar looks every 10 s, by scan_period_s, and its data sheet has scans of 4.8 s: c_r "
+        "has the energy of a scan [scan-differs]",
+    )
+
+
 def test_a_step_longer_than_the_route(tmp_path):
     path = {"type": "path", "file": "route.csv", "interpolate": {"step_s": 41}}
     (warning,) = of_route(tmp_path, ROUTE, geometry=path)

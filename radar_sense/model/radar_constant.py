@@ -109,11 +109,13 @@ class DataSheet:
         constant: c_r [J m²/K].
         values: The parameters, by the keys of a scenario file and in the units of these keys;
             losses by name under `losses_db.NAME`.
+        scan_time: Time of one scan [s]; None of a radar that does not scan.
     """
 
     kind: str
     constant: float
     values: Mapping[str, float]
+    scan_time: float | None = None
 
     def tolerances(
         self, std: Mapping[str, float], rectangular: Collection[str] = ()

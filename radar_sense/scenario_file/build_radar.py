@@ -99,6 +99,8 @@ def _radar(
     model = DetectionModel(rcs[band], float(stated.p_fa), stated.detector, attenuation, antenna)
     constant = stated.constant if sheet is None else sheet.constant
     period = stated.scan_period_s
+    if period is None and sheet is not None:
+        period = sheet.scan_time
     return Radar(
         model,
         name=getattr(stated, "name", ""),
@@ -305,7 +307,7 @@ def _data_sheet(stated: sections.Radar) -> DataSheet | None:
         raise sheet.place.error(
             f"makes the radar constant {constant:g} J m^2/K, allowed is {SMALLEST:g} to {LARGEST:g}"
         )
-    return DataSheet(kind, constant, given)
+    return DataSheet(kind, constant, given, arguments.get("scan_time"))
 
 
 def _given(section: Any) -> dict[str, Any]:

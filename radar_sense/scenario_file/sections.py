@@ -277,7 +277,10 @@ class Radar(Section):
         default=North(),
     )
     scan_period_s: float | None = key(
-        "Time from one look to the next, which mission needs.", POSITIVE, default=None
+        "Time from one look to the next, which mission needs; by default that of a scan of "
+        "surveillance.",
+        POSITIVE,
+        default=None,
     )
     attenuation_db_per_km: float = key(
         "One-way attenuation on the way to the target and back.", NOT_NEGATIVE, default=0.0
