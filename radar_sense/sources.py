@@ -253,6 +253,42 @@ def value_function(
     return value
 
 
+def worth_most(scenario: Scenario, budget: Budget) -> tuple[list[Contribution], float]:
+    """Return what leaves the least 3σ at the pose if its deviation is halved, and what it leaves.
+
+    Several leave the same in print. None is returned where the method has no value. Sobol' indices
+    have no value with a deviation halved: the source with the largest share is returned, and NaN.
+    """
+    pose, total = budget.pose, float(budget.total.three_sigma[budget.pose])
+    if scenario.method == MONTE_CARLO:
+        candidates = budget.sources
+        left = {name: -float(c.std[pose]) for name, c in candidates.items()}
+    else:
+        candidates = _measurable(scenario, budget)
+        largest = np.fmax.reduce([c.three_sigma[pose] for c in candidates.values()])
+        # what shows nothing beside the largest shows nothing if it is halved
+        candidates = {
+            name: c for name, c in candidates.items() if not c.three_sigma[pose] < TIE * largest
+        }
+        value = value_function(scenario.at_poses(np.array([pose])), scenario.method)
+        left = {name: float(value([name], 0.5)[0]) for name in candidates}
+    least = min(left.values(), key=lambda value: np.nan_to_num(value, nan=np.inf))
+    first = [candidates[name] for name, value in left.items() if value <= least + TIE * total]
+    return first, np.nan if scenario.method == MONTE_CARLO else least
+
+
+def _measurable(scenario: Scenario, budget: Budget) -> dict[str, Contribution]:
+    """Return the sources by name. Parts and the rest of a radar stand for one with parts."""
+    every, whole = sources_of(scenario), {part.part_of for part in budget.parts.values()}
+    rest = {
+        name: c
+        for name, c in budget.finer.items()
+        if c.part_of in whole and not any(every[name].overlaps(every[p]) for p in budget.parts)
+    }
+    sources = {name: c for name, c in budget.sources.items() if name not in whole}
+    return {**sources, **rest, **budget.parts}
+
+
 def scaled(
     scenario: Scenario, names: Collection[str], factor: float, others: float = 1.0
 ) -> UncertainStates:

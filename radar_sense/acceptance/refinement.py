@@ -18,6 +18,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,6 +177,7 @@ def coarse_steps(path: Scenario, *, lobes: bool = True) -> NDArray[np.bool_]:
     return coarse
 
 
+@lru_cache(maxsize=1)  # a test and the warnings of its scenario need the same places
 def places(scenario: Scenario) -> FloatArray:
     """Return coordinates (k,) of a flight, ascending, between which no lobe, gap or limit fits.
 

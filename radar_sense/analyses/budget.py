@@ -24,7 +24,7 @@ from radar_sense.command import (
 from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
-from radar_sense.sources import TIE, Budget, Contribution, error_budget, sources_of, value_function
+from radar_sense.sources import Budget, Contribution, error_budget, worth_most
 
 #: Half the deviation of a part must reduce the total by this part, to be worth a measurement.
 LEAST_GAIN = 0.01
@@ -165,52 +165,20 @@ def _row(c: Contribution, pose: int, width: int) -> str:
 
 
 def _know_first(scenario: Scenario, found: Budget) -> list[str]:
-    """Return what should be known better first, where the total is largest, in a line if known.
-
-    This is what leaves least if its deviation is halved. Sobol' indices have no such number: there
-    it is the source with the largest share.
-    """
-    pose, total, method = found.pose, float(found.total.three_sigma[found.pose]), scenario.method
-    if method == MONTE_CARLO:
-        candidates = found.sources
-        left = {name: -float(c.std[pose]) for name, c in candidates.items()}
-    else:
-        candidates = _measurable(scenario, found)
-        largest = np.fmax.reduce([c.three_sigma[pose] for c in candidates.values()])
-        # what shows nothing beside the largest shows nothing if it is halved
-        candidates = {
-            name: c for name, c in candidates.items() if not c.three_sigma[pose] < TIE * largest
-        }
-        value = value_function(scenario.at_poses(np.array([pose])), method)
-        left = {name: float(value([name], 0.5)[0]) for name in candidates}
-    least = min(left.values(), key=lambda value: np.nan_to_num(value, nan=np.inf))
-    first = [candidates[name] for name, value in left.items() if value <= least + TIE * total]
-    if not first:  # the method has no value with any source halved
+    """Return what should be known better first, where the total is largest, in a line if known."""
+    pose, (first, remaining) = found.pose, worth_most(scenario, found)
+    if not first:
         return []
-    names, remains = words.listed(c.name for c in first), words.probability(least)
-    if method != MONTE_CARLO and not least <= (1.0 - LEAST_GAIN) * total:
-        return [f"no source is worth a measurement: half of {names} leaves {remains}"]
-    place, answer = scenario.axis.at(pose), f"know better first: {names}"
+    total, names = float(found.total.three_sigma[pose]), words.listed(c.name for c in first)
+    leaves = f"leaves {words.probability(remaining)}"
+    if remaining > (1.0 - LEAST_GAIN) * total:
+        return [f"no source is worth a measurement: half of {names} {leaves}"]
+    share, whose = f", {first[0].share[pose]:.1%} of the variance of P_D", "its deviation"
     if len(first) > 1:
-        answer += f" equally, at {place}"
-    else:
-        answer += f", {first[0].share[pose]:.1%} of the variance of P_D at {place}"
-    if method == MONTE_CARLO:
-        return [answer]
-    whose = "its deviation" if len(first) == 1 else "the deviation of one"
-    return [f"{answer}; half {whose} leaves {remains} of {words.probability(total)}"]
-
-
-def _measurable(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
-    """Return the sources by name. Parts and the rest of a radar stand for one with parts."""
-    every, whole = sources_of(scenario), {part.part_of for part in found.parts.values()}
-    rest = {
-        name: c
-        for name, c in found.finer.items()
-        if c.part_of in whole and not any(every[name].overlaps(every[p]) for p in found.parts)
-    }
-    sources = {name: c for name, c in found.sources.items() if name not in whole}
-    return {**sources, **rest, **found.parts}
+        share, whose = " equally,", "the deviation of one"
+    half = f"; half {whose} {leaves} of {words.probability(total)}"
+    answer = f"know better first: {names}{share} at {scenario.axis.at(pose)}"
+    return [answer if scenario.method == MONTE_CARLO else answer + half]
 
 
 def _draw(figure: Figure, result: Result, found: Budget) -> None:
