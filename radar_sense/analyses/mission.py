@@ -120,7 +120,7 @@ def mission(
 
     The scenario must have a path, whose poses have times. The time between looks of a radar is
     radar.scan_period_s. The pose errors are correlated over uncertainty.aircraft_correlation_s. The
-    radar errors are the same at all looks. The last columns are the standard errors of the bounds.
+    radar errors are the same at all looks. The last columns are standard errors.
 
     A track is M detections in N consecutive looks. Radars of a network with the same period look
     together, as one radar. The network has a track when the radars of one period have a track.
@@ -149,6 +149,11 @@ def mission(
                 name = f"{event.before}{side}_{k:.12g}sigma"
                 meaning = f"{of}Standard error of {name}{end}."
                 result.table.add(f"{name}_se{end}", error, meaning)
+    for one in missions:
+        of, end = words.of_radar(one.radar)
+        for event, found in one.events.items():
+            meaning = f"{of}Standard error of mean_{event.stem}{end}."
+            result.table.add(f"mean_{event.stem}_se{end}", found.mean_se, meaning)
 
     errors = {
         event.key: words.peak(np.maximum(found.lower_se, found.upper_se), axis)
@@ -179,7 +184,7 @@ def mission(
         rows = {
             one.radar: ", ".join(
                 f"{event.key} {words.probability(found.p[-1])}, "
-                f"on average {words.probability(found.mean[-1])} ({_band(found, 'to')})"
+                f"on average {_mean(found)} ({_band(found, 'to')})"
                 for event, found in one.events.items()
             )
             + f", every {period:g} s"
@@ -257,6 +262,7 @@ def _summaries(one: Mission, axis: Axis, k: float) -> dict[str, Any]:
             "at_end": {
                 "p": float(found.p[-1]),
                 "mean": float(found.mean[-1]),
+                "mean_se": float(found.mean_se[-1]),
                 "sigma": float(found.std[-1]),
                 f"lower_{k:.12g}sigma": float(found.lower[-1]),
                 f"upper_{k:.12g}sigma": float(found.upper[-1]),
@@ -274,6 +280,12 @@ def _reaches(found: Cumulative, level: float, axis: Axis) -> dict[str, float | N
     return {n: float(axis.values[np.argmax(m)]) if m.any() else None for n, m in reached.items()}
 
 
+def _mean(found: Cumulative) -> str:
+    """Return the mean at the end, with its standard error where its digits do not say it."""
+    mean, error = words.probability(found.mean[-1]), found.mean_se[-1]
+    return f"{mean} +/- {error:.1g}" if error >= words.SHOWN else mean
+
+
 def _band(found: Cumulative, to: str) -> str:
     """Return the bounds at the end, with a word between them."""
     return f"{words.probability(found.lower[-1])} {to} {words.probability(found.upper[-1])}"
@@ -283,7 +295,7 @@ def _answer(name: str, found: Cumulative, level: str, axis: Axis, k: float) -> l
     """Return the probability by the end with its mean and bounds, and when it is reached."""
     lines = [
         f"{name} by {axis.at(-1)}: {words.probability(found.p[-1])} at the nominal states, "
-        f"{words.probability(found.mean[-1])} on average, between {_band(found, 'and')} "
+        f"{_mean(found)} on average, between {_band(found, 'and')} "
         f"({k:g} sigma, {level})"
     ]
     for milestone in MILESTONES:

@@ -79,11 +79,13 @@ class Cumulative(DrawStatistics):
     Attributes:
         lower_se: Standard error of `lower`.
         upper_se: Standard error of `upper`.
+        mean_se: Standard error of `mean`.
         p: Probability with the nominal states.
     """
 
     lower_se: FloatArray
     upper_se: FloatArray
+    mean_se: FloatArray
     p: FloatArray
 
 
@@ -377,9 +379,9 @@ def _pooled(ranks: FloatArray, nominal: FloatArray, *replicates: _Weighted) -> C
     mean = means.mean(axis=0)
     std = np.sqrt(variances.mean(axis=0) + means.var(axis=0))
     lower, upper = pooled_quantiles(lowers, ranks), -pooled_quantiles(-uppers, ranks)
-    lower_se, upper_se = (
-        tails[..., middle].std(axis=0, ddof=1) / math.sqrt(len(replicates))
-        for tails in (lowers, uppers)
+    lower_se, upper_se, mean_se = (
+        found.std(axis=0, ddof=1) / math.sqrt(len(replicates))
+        for found in (lowers[..., middle], uppers[..., middle], means)
     )
     # A deviation within rounding is no uncertainty. Each draw grows with time, as do mean and
     # bounds. The accumulation removes rounding errors, and the sum −0.
@@ -387,8 +389,10 @@ def _pooled(ranks: FloatArray, nominal: FloatArray, *replicates: _Weighted) -> C
     mean, lower, upper = (
         np.maximum.accumulate(np.where(certain, p, v)) + 0.0 for v in (mean, lower, upper)
     )
-    std, lower_se, upper_se = (np.where(certain, 0.0, v) for v in (std, lower_se, upper_se))
-    return Cumulative(mean, std, lower, upper, lower_se, upper_se, p)
+    std, lower_se, upper_se, mean_se = (
+        np.where(certain, 0.0, v) for v in (std, lower_se, upper_se, mean_se)
+    )
+    return Cumulative(mean, std, lower, upper, lower_se, upper_se, mean_se, p)
 
 
 def pooled_quantiles(tails: FloatArray, ranks: FloatArray) -> FloatArray:

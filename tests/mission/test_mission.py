@@ -176,6 +176,7 @@ def test_columns(tool, monkeypatch, options):
         expected += [f"track_{name}" for name in drawn] + ["mean_track"]
     expected += ["lower_3sigma_se", "upper_3sigma_se"]
     expected += ["track_lower_3sigma_se", "track_upper_3sigma_se"] if "--m" in options else []
+    expected += ["mean_cumulative_se", *(["mean_track_se"] if "--m" in options else [])]
     assert list(found) == expected
     assert len(found["time_s"]) == 4
     if "--m" in options:  # also as a pair
@@ -211,8 +212,10 @@ def test_report(tool):
     for p, name in (("cumulative_p_d", "detection"), ("track_p_d", "track, 3 of 5")):
         before = "track_" if p == "track_p_d" else ""
         ends = [found[f"{before}{end}_3sigma"][-1] for end in ("lower", "upper")]
-        mean = found["mean_track" if before else "mean_cumulative"][-1]
+        stem = "mean_track" if before else "mean_cumulative"
+        mean, error = found[stem][-1], found[f"{stem}_se"][-1]
         value, mean, lower, upper = (probability(v) for v in (found[p][-1], mean, *ends))
+        mean += f" +/- {error:.1g}" if error >= 5e-5 else ""
         assert (
             f"{name} by 1500 s: {value} at the nominal states, {mean} on average, between {lower} "
             f"and {upper} (3 sigma, medium)\n"
@@ -223,11 +226,12 @@ def test_report(tool):
         assert error == np.max(ends)
         assert f"{event} {error:.4f} at" in out[out.index("largest standard error of a bound:") :]
         columns = {
-            "p": p, "mean": f"mean_{before}cumulative", "sigma": f"sigma_{before}cumulative",
+            "p": p, "mean": f"mean_{before}cumulative", "mean_se": "mean_cumulative_se",
+            "sigma": f"sigma_{before}cumulative",
             "lower_3sigma": f"{before}lower_3sigma", "upper_3sigma": f"{before}upper_3sigma",
         }  # fmt: skip
         if before:
-            columns |= {"mean": "mean_track", "sigma": "sigma_track"}
+            columns |= {"mean": "mean_track", "mean_se": "mean_track_se", "sigma": "sigma_track"}
         assert summary[event]["at_end"] == {key: found[c][-1] for key, c in columns.items()}
         ends = (("lower_3sigma", "mc_lower"), ("upper_3sigma", "mc_upper"))
         off = [abs(found[before + bound] - found[before + drawn]) for bound, drawn in ends]

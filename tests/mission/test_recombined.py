@@ -156,7 +156,9 @@ def test_bounds_are_those_of_plain_missions(tmp_path, monkeypatch, names, tau, p
             events, plain_missions(some, tau, 2, 3, 30_000, 1, pose, **changes), strict=True
         ):
             mean, std = drawn.mean(axis=1), drawn.std(axis=1)
-            assert np.all(abs(event.mean[own] - mean) <= 0.06 * std)
+            error = np.hypot(event.mean_se[own], std / math.sqrt(30_000))
+            assert np.all(abs(event.mean[own] - mean) <= 5 * error)
+            assert np.all(event.mean_se[own] <= 0.03 * std)
             assert event.std[-1] == pytest.approx(std[-1], rel=0.06)
             for values, level, error in (
                 (event.lower, 0.00135, event.lower_se), (event.upper, 0.99865, event.upper_se)
@@ -183,7 +185,7 @@ def test_bounds_grow_with_time_and_have_standard_errors(tmp_path):
                 bound = result.table[f"{before}{end}_3sigma{radar}"]
                 assert np.diff(bound).min() >= 0
                 assert result.table[f"{before}{end}_3sigma_se{radar}"].min() >= 0
-    assert list(result.table)[-1] == "track_upper_3sigma_se_three"
+    assert list(result.table)[-1] == "mean_track_se_three"
     report = "\n".join(result.report)
     assert "\nlargest standard error of a bound: detection 0." in report
     # replicates and then runs are told
@@ -199,7 +201,7 @@ def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
     for event in recombined_missions(Looks.of(s), (2, 3))[0]:
         for values in (event.mean, event.lower, event.upper):
             np.testing.assert_array_equal(values, event.p)
-        for values in (event.std, event.lower_se, event.upper_se):
+        for values in (event.std, event.lower_se, event.upper_se, event.mean_se):
             assert not values.any()
 
 

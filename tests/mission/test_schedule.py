@@ -327,9 +327,10 @@ def test_report_and_record(tool, tmp_path):
     for line, (name, of_radar) in zip(lines[at + 1 :], radars.items(), strict=False):
         ends = [of_radar[event]["at_end"] for event in ("detection", "track")]
         detection, track = (
-            f"{probability(e['p'])}, on average {probability(e['mean'])} "
+            f"{probability(e['p'])}, on average {probability(e['mean'])}{error} "
             f"({probability(e['lower_3sigma'])} to {probability(e['upper_3sigma'])})"
             for e in ends
+            for error in (f" +/- {e['mean_se']:.1g}" if e["mean_se"] >= 5e-5 else "",)
         )
         every = f"every {of_radar['scan_period_s']:g} s"
         assert line == f"  {name:4}  detection {detection}, track {track}, {every}"
