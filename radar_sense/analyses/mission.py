@@ -385,6 +385,8 @@ def _draw(
             low, high = (table[f"{before}mc_{end}"] for end in ("lower", "upper"))
             plotting.draw_fill(axes, x, low, high, color="0.8", lw=0, label="Monte Carlo")
         plotting.draw_line(axes, x, table[event.p], ("black", "-"), label="nominal")
+        mean = table[f"mean_{event.stem}"]
+        plotting.draw_line(axes, x, mean, ("black", ":"), lw=thin, label="mean over the errors")
         low, high = (table[f"{before}{end}_{k:.12g}sigma"] for end in ("lower", "upper"))
         plotting.draw_band(axes, x, low, high, rf"${k:g}\,\sigma$ bounds ({scenario.level})")
         if f"{before}mc_mean" in table:
