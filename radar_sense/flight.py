@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 #: C_aa of an aircraft whose poses are certain.
 CERTAIN = np.zeros((6, 6))
 CERTAIN.flags.writeable = False
+#: Times [s] that are one but for rounding.
+SAME_TIME = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +73,11 @@ class Geometry(ReadOnly):
     def coordinate(self) -> FloatArray:
         """Coordinate of each pose (n,) for `at`: azimuth [deg], ground range [km] or time [s]."""
         return self.axis.values
+
+    @property
+    def whole(self) -> Geometry:
+        """The poses, and with them the rows of the flight that are between them."""
+        return self
 
     def at(self, coordinate: FloatArray) -> Geometry:
         """Return the poses of the flight at other coordinates (k,)."""
@@ -215,6 +223,17 @@ class Path(Geometry):
         # the attitude is interpolated, and not derived from the track again
         each = self.covariance if self.covariance.ndim == 3 else None
         return Route(self.time_s, self.aircraft, each, True, self.origin)
+
+    @cached_property
+    def whole(self) -> Path:
+        """As of `Geometry`; a row that is as good as at a pose is left out."""
+        if self.flight is None:
+            return self
+        time = self.time_s
+        rows = self.flight.time_s[(self.flight.time_s > time[0]) & (self.flight.time_s < time[-1])]
+        after = np.searchsorted(time, rows)
+        nearest = np.minimum(rows - time[after - 1], time[after] - rows)
+        return self.at(np.union1d(time, rows[nearest > SAME_TIME]))
 
     def at(self, coordinate: FloatArray) -> Path:
         """Return the path at other times (k,) [s] within its own."""

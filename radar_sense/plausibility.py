@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 
@@ -42,11 +43,11 @@ ABOVE_FLOOR = 1e-6
 
 def plausibility_warnings(scenario: Scenario) -> tuple[str, ...]:
     """Return a warning for each implausible property of a scenario."""
-    checks = (
-        *(_speed, _height, _range, _floor, _elevation, _antenna),
-        *(_spacing, _step, _origin, _frequency, _scan, _constant),
-    )
-    return tuple(text for check in checks for text in check(scenario))
+    whole = scenario.along(scenario.geometry.whole)
+    of_flight = (_speed, _height, _range, _floor, _elevation, _antenna)
+    others = (_spacing, _step, _origin, _frequency, _scan, _constant)
+    texts = (*(check(whole) for check in of_flight), *(check(scenario) for check in others))
+    return tuple(itertools.chain(*texts))
 
 
 def _speed(scenario: Scenario) -> Iterator[str]:

@@ -110,10 +110,11 @@ def refined(
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
     tolerance of straight lines, which grows with the distance below the limit. Second differences
     estimate the distance from the lines. Two standard errors of a bound are no bend. Where
-    `MAX_POSES` would be added, no more are computed, and P_D is not resolved.
+    `MAX_POSES` would be added besides rows of the flight, no more are computed, and P_D is not
+    resolved.
     """
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
-    order, most = -1 if given[0] > given[-1] else 1, len(given) + MAX_POSES
+    order, most = -1 if given[0] > given[-1] else 1, len(scenario.geometry.whole.axis) + MAX_POSES
 
     def bent(values: FloatArray, noise: FloatArray | float = 0.0) -> NDArray[np.bool_]:
         below = limit - np.fmax(values[1:], values[:-1])
@@ -181,12 +182,13 @@ def coarse_steps(path: Scenario, *, lobes: bool = True) -> NDArray[np.bool_]:
 def places(scenario: Scenario) -> FloatArray:
     """Return coordinates (k,) of a flight, ascending, between which no lobe, gap or limit fits.
 
-    These are the rows, the middles of coarse steps, the closest point to each radar, the point
-    nearest to its limits, and both sides of each crossing of a limit. Steps are halved until
-    `MAX_POSES` coordinates are added. With more, some steps may still be coarse.
+    These are the poses and the rows of the flight, the middles of coarse steps, the closest point
+    to each radar, the point nearest to its limits, and both sides of each crossing of a limit.
+    Steps are halved until `MAX_POSES` coordinates are added. With more, some steps may still be
+    coarse.
     """
-    nominal = _nominal(scenario)
-    place, shortest = np.sort(nominal.geometry.coordinate), LEAST_STEP * nominal.geometry.shortest
+    nominal, whole = _nominal(scenario), scenario.geometry.whole
+    place, shortest = np.sort(whole.coordinate), LEAST_STEP * whole.shortest
     most = len(place) + MAX_POSES
     while len(place) < most:
         coarse = coarse_steps(along(nominal, place)) & (np.diff(place) > shortest)

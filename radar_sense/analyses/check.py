@@ -9,6 +9,7 @@ import numpy as np
 
 from radar_sense import files
 from radar_sense.command import Result, command
+from radar_sense.flight import Path
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
@@ -38,21 +39,19 @@ def check(scenario: Scenario) -> Result:
 def overview(scenario: Scenario) -> tuple[str, ...]:
     """Return the radar constants, the flight, and range and SNR of each radar, in lines.
 
-    The flight has duration, length, speed, height and bank. The speed is the mean from pose to
-    pose. Ranges and SNR are without the limits of a radar. A radar whose horizon is not asked for
-    has a line where the aircraft is beyond it.
+    The flight has duration, length, speed, height and bank. The speed is the mean from row to row.
+    Ranges and SNR are without the limits of a radar. A radar whose horizon is not asked for has a
+    line where the aircraft is beyond it.
     """
+    lines, geometry = _constants(scenario), scenario.geometry
+    scenario = scenario.along(geometry.whole)
     height, bank = _height_and_bank(scenario)
-    lines = _constants(scenario)
-    if scenario.time_s is not None and len(scenario.time_s) > 1:
-        position = scenario.aircraft[:, POSITION]
-        legs = np.linalg.norm(np.diff(position, axis=0), axis=-1)
-        speed = legs / np.diff(scenario.time_s)
-        duration = float(scenario.time_s[-1] - scenario.time_s[0])
+    if isinstance(geometry, Path) and len(geometry.axis) > 1:
+        route = geometry.route
+        speed = np.diff(route.distance_m) / np.diff(route.time_s)
+        duration, length = np.ptp(route.time_s), route.distance_m[-1] / 1e3
         clock = timedelta(seconds=round(duration))
-        lines.append(
-            f"path: {duration:.6g} s ({clock}), {legs.sum() / 1e3:.4g} km, speed {_span(speed)} m/s"
-        )
+        lines.append(f"path: {duration:.6g} s ({clock}), {length:.4g} km, speed {_span(speed)} m/s")
     above = "the ellipsoid" if scenario.origin is not None else "the origin"
     lines.append(f"height {_span(height)} m above {above}, bank {_span(bank)} deg")
     states = scenario.radar_states

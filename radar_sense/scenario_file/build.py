@@ -37,8 +37,8 @@ def build(file: sections.File, again: Callable[[Mapping[str, Any]], Scenario]) -
     geometry = _geometry(file)
     radars = radars_of(file, rcs, geometry)
     for radar in radars:
-        _refuse_collision(file.geometry.place, geometry, radar)
-        _refuse_uncovered(file.geometry.place, geometry, radar)
+        _refuse_collision(file.geometry.place, geometry.whole, radar)
+        _refuse_uncovered(file.geometry.place, geometry.whole, radar)
     geometry = _with_covariance(file.uncertainty, geometry)
     scenario = Scenario(
         name=file.name,
@@ -103,16 +103,18 @@ def _steps(stated: sections.Sweep | sections.Ranges) -> FloatArray:
 
 def _path(stated: sections.Path) -> Path:
     origin = None if stated.origin is None else on_earth(stated.origin)
-    route = read_named(stated, ROUTE_FILE, lambda file: read_route(file, stated, origin))
-    of_flight: dict[str, Any] = {}
+    flight = read_named(stated, ROUTE_FILE, lambda file: read_route(file, stated, origin))
+    route, of_flight = flight, dict[str, Any]()
     if stated.interpolate is not None:
         step_s, method = float(stated.interpolate.step_s), stated.interpolate.method
-        of_flight = {"method": method, "flight": route}
+        of_flight = {"method": method, "flight": flight}
         try:
-            route = resample(route, step_s, method)
+            route = resample(flight, step_s, method)
         except InputError as error:
             raise stated.interpolate.place.error(f"{error}") from error
-    along = axis.time(route.time_s) if stated.axis == "time" else axis.distance(route.distance_m)
+    along = axis.time(route.time_s)
+    if stated.axis == "distance":  # along the rows of the file, whatever the step is
+        along = axis.distance(np.interp(route.time_s, flight.time_s, flight.distance_m))
     return Path(
         along,
         route.aircraft,

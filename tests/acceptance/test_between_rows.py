@@ -127,3 +127,60 @@ def test_a_gap_of_a_mask_that_is_open_one_sigma_higher(tmp_path):
     north = 80e3 / math.tan(math.radians(71.5))  # the nearest end of the gap
     lowest = math.hypot(north, 80e3) * math.tan(math.radians(2.3))
     check(result, ndtr((3e3 - lowest) / 400), 300 + north / 200)
+
+
+def banked(folder, step, method="legs", **place):
+    """Return a flight with a bank of 35° for ten seconds, in rows between the poses."""
+    times = [0, *range(1195, 1226), 2400]
+    rolls = np.interp(times, [1200, 1205, 1215, 1220], [0, -35, -35, 0])
+    rows = [f"{t},60000,{200 * t - 240000},-9000,{roll},0,90" for t, roll in zip(times, rolls)]  # noqa: B905
+    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
+    (folder / "route.csv").write_text("\n".join([header, *rows]))
+    between = {"step_s": step, "method": method}
+    content = document(
+        geometry={
+            "type": "path", "file": "route.csv", "axis": "distance", "interpolate": between
+        },
+        aircraft__rcs={"model": "ellipsoid_exact", "x_m": 0.3, "y_m": 0.25, "z_m": 0.07},
+        radar={"p_fa": 1e-6, **radar(0.025), **place},
+        uncertainty={
+            "aircraft": {"position_m": 10, "attitude_deg": 1},
+            "radar": {"medium": {"position_m": 10, "constant": 5e-4}},
+        },
+        analysis={"level": "medium"},
+    )  # fmt: skip
+    del content["aircraft"]["attitude_deg"], content["radar"]["uncertainty"]
+    (folder / "flight.yaml").write_text(dump_yaml(content))
+    return rs.load_scenario(folder / "flight.yaml")
+
+
+def test_a_bank_in_the_file_between_two_poses_of_a_coarse_step(tmp_path):
+    fine, *coarse = (banked(tmp_path, step) for step in (1, 20, 1200, 2400))
+    expected = analyses.variance(fine, threshold=LIMIT).summary["threshold"]
+    assert expected["verdict"] == "violated"
+    assert expected["above_s"] == pytest.approx(15, abs=3)
+    highest = expected["highest_probability_above"]
+    for scenario in coarse:
+        found = analyses.variance(scenario, threshold=LIMIT).summary["threshold"]
+        assert found["verdict"] == "violated"
+        assert found["above_s"] == pytest.approx(expected["above_s"], abs=0.5)
+        own = found["highest_probability_above"]
+        error = 4 * np.hypot(own["standard_error"], highest["standard_error"])
+        assert own["value"] == pytest.approx(highest["value"], abs=error)
+
+
+@pytest.mark.parametrize("method", ["legs", "smooth"])
+def test_axis_and_overview_are_those_of_the_file_at_any_step(tmp_path, method):
+    for step in (1, 700, 2400):
+        scenario = banked(tmp_path, step, method)
+        assert scenario.axis.values[-1] == pytest.approx(480e3, rel=1e-9)
+        lines = analyses.check(scenario).report
+        (path,) = [line for line in lines if line.startswith("# path")]
+        assert path == "# path: 2400 s (0:40:00), 480 km, speed 200 m/s"
+        assert any("bank -35 to 0 deg" in line for line in lines)
+
+
+def test_a_row_on_top_of_the_radar_is_refused_at_any_step(tmp_path):
+    for step in (5, 1000):
+        with pytest.raises(rs.InputError, match="on top of the radar at"):
+            banked(tmp_path, step, position_m=[60000, 2000, -9000])
