@@ -144,8 +144,6 @@ COURSE_DEG = Option(
     "DEG",
     default_text="the first pose's",
 )
-#: Version of the keys of the JSON record, see docs/questions/use.md.
-RECORD = 1
 #: Keywords of every command, which choose what the scenario states.
 _OF_SCENARIO = tuple(
     option.name for option in (LEVEL, ONE_RADAR, METHOD, NUMBER_OF_RUNS, SEED_OF_DRAWS)
@@ -299,7 +297,7 @@ class Result:
     def record(self, command: Sequence[str] = ()) -> dict[str, Any]:
         """Return the inputs, the warnings, the summary and the columns, for the JSON record."""
         return {
-            "record": RECORD,
+            "record": files.RECORD,
             "analysis": self.analysis,
             "command": list(command),
             "seed": self.scenario.seed,

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from radar_sense.errors import InputError, describe
+from radar_sense.files import RECORD
 
 #: Most lines of a section.
 MOST_LINES = 60
@@ -24,6 +25,11 @@ def parsed(text: str, source: str) -> dict[str, Any]:
         isinstance(record.get(name), kind) for name, kind in SECTIONS.items()
     ):
         raise InputError(f"{source}: is not the JSON record of an analysis")
+    if record.get("record") != RECORD:
+        raise InputError(
+            f"{source}: record must be {RECORD}, the version of the keys, got "
+            f"{describe(record.get('record'))}"
+        )
     return record
 
 

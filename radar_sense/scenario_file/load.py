@@ -62,10 +62,15 @@ def parse_scenario(
         raise InputError(f"text must be YAML as text, got {describe(text)}")
     root = parse(text, source)
     for key, value in (changes or {}).items():
-        words = value if isinstance(value, str) else json.dumps(value, default=str)
+        words = value if isinstance(value, str) else json.dumps(value, default=_plain)
         root = Place(changed(root.node, str(key), words), "", source)
     again = partial(_again, text, source, dict(changes or {}))
     return build(declare.read_file(root, sections.File), again)
+
+
+def _plain(value: Any) -> Any:
+    """Return a number or an array of NumPy as JSON has it, and anything else as text."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def _again(

@@ -317,11 +317,12 @@ def _times(track: Track, speed_m_s: float | None, max_gap_s: float | None) -> Fl
     backwards = steps < MIN_STEP
     if backwards.any():
         row = int(np.argmax(backwards)) + 1
-        enough = f", by {MIN_STEP:g} s or more" if steps[row - 1] > 0 else ""
+        step = steps[row - 1]
+        got = f"{-step:g} s before it" if step else "the same"
+        if step > 0:
+            got = f"only {step:g} s later; allowed is {MIN_STEP:g} s or more"
         raise track.error(
-            f"{track.time_name}: must be later than {float(track.time[row - 1])!r}, the time of "
-            f"the row before{enough}, got {float(track.time[row])!r}",
-            row,
+            f"{track.time_name}: must be later than the time of the row before, got {got}", row
         )
     if max_gap_s is not None and np.any(steps > max_gap_s):
         row = int(np.argmax(steps > max_gap_s)) + 1

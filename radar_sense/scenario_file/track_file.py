@@ -262,6 +262,8 @@ def read_state_vectors(file: TableFile, *, pressure: bool, icao24: str | None) -
             )
             raise file.error(f"missing column '{name}' of ADS-B state vectors{instead}")
     moment = "lastposupdate" if "lastposupdate" in file.names else "time"
+    # what two rows of one position have in common: its time, or else latitude and longitude
+    same = slice(0, 1) if moment == "lastposupdate" else slice(1, 3)
     for name in (moment, "icao24", "lat", "lon", altitude):
         if file.names.count(name) > 1:
             raise file.error(f"duplicate column '{name}'")
@@ -284,7 +286,7 @@ def read_state_vectors(file: TableFile, *, pressure: bool, icao24: str | None) -
         if any(cell[name].lower() in _MISSING for name, _ in used):
             continue
         row = [file.number(cell[name], limit, name, line) for name, limit in used]
-        if moment == "lastposupdate" and rows and rows[-1][0] == row[0]:
+        if rows and rows[-1][same] == row[same]:
             continue  # the position before, repeated
         file.require_room(len(rows), line)
         lines.append(line)
@@ -300,4 +302,5 @@ def read_state_vectors(file: TableFile, *, pressure: bool, icao24: str | None) -
         numbers[:, 1:] * _UNITS,
         ("pressure",) if pressure else ("ellipsoid",),
         numbers[:, 0] - numbers[0, 0],
+        moment,
     )

@@ -46,8 +46,12 @@ def test_equal_records_and_warnings(tool):
 )
 def test_what_is_no_record_is_refused_in_one_line(tool, text, message):
     Path("other.json").write_text(text)
-    error = one_line(tool, "diff", write(tool, "a"), "other.json")
+    old = write(tool, "a")
+    error = one_line(tool, "diff", old, "other.json")
     assert error.startswith(f"Error: other.json: {message}")
+    Path("other.json").write_text(json.dumps({**read_record(old), "record": 2}))
+    error = one_line(tool, "diff", old, "other.json")
+    assert error == "Error: other.json: record must be 1, the version of the keys, got 2\n"
     one_line(tool, "diff", "a/paper_budget.json", "missing.json")
 
 

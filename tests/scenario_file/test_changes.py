@@ -44,6 +44,8 @@ def test_a_change_is_the_file_with_another_value(key, value):
     assert_same(rs.load_scenario(changes={key: value}), expected)
     assert_same(rs.load_scenario(changes={key: json.dumps(value)}), expected)
     assert_same(rs.load_scenario().with_keys({key: value}), expected)
+    if not isinstance(value, str):  # a number or numbers of NumPy
+        assert_same(rs.load_scenario(changes={key: np.array(value)}), expected)
 
 
 def test_places_of_lists_and_radars_by_name():

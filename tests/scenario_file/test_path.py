@@ -327,7 +327,7 @@ REFUSED = [
     (ROUTE, {"geometry__origin": {"latitude_deg": 9, "longitude_deg": 0, "altitude_m": 0}},
      "route.csv:1: north, east and down have an origin already"),
     (ROUTE, {"geometry__sha256": "0" * 64}, "geometry.sha256: ... is another file than it was"),
-    (ROUTE.replace("500,400e3", "0,400e3"), {}, "route.csv:3: time_s: must be later than 0.0"),
+    (ROUTE.replace("500,400e3", "0,400e3"), {}, "route.csv:3: time_s: must be later than the time"),
     (ROUTE.replace("350e3", "nan"), {}, "route.csv:4: north_m: must be finite, got nan"),
     (f"{HEAD}\n0,0,-9e3,0\n60,0,0,0\n", {},
      "geometry: the aircraft is on top of the radar at time 60 s"),

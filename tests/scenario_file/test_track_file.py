@@ -97,6 +97,10 @@ def test_every_format_has_the_route_of_a_csv_file(load):
     same(load("a.csv", opensky()), on_ellipsoid)
     same(load("a.csv", opensky(others=["abc123"]), icao24="4B1812"), on_ellipsoid)
     same(load("a.csv", opensky(), altitude_above="pressure", geoid_height_m=40.0), on_ellipsoid)
+    # without the time of the position, rows of later times repeat latitude and longitude
+    rows = (f"{t + later},abc123,{lat},{lon},{alt + later}\n"
+            for t, lat, lon, alt in POINTS for later in (0, 1, 5))  # fmt: skip
+    same(load("a.csv", "time,icao24,lat,lon,geoaltitude\n" + "".join(rows)), on_ellipsoid)
 
 
 def arc(one, other):
@@ -160,7 +164,7 @@ REFUSED = {
     "times and speed, csv": ("a.csv", csv(), {"speed_m_s": 9}, "a.csv:1: has times; speed_m_s is"),
     "some times": ("a.gpx", gpx(times=[*TIMES[:3], ""]), SEA, "a.gpx:7: has no time, but other"),
     "times twice": ("a.gpx", gpx(times=[TIMES[0], *TIMES[:3]]), SEA,
-                    "a.gpx:3: time: must be later than 0.0"),
+                    "a.gpx:3: time: must be later than the time of the row before, got the same"),
     "a gap": ("a.gpx", gpx(), {**SEA, "max_gap_s": 20}, "a.gpx:7: time: must be within 20 s"),
     "no zone": ("a.gpx", gpx(times=["2026-11-22T07:00:00"] * 4), SEA,
                 "a.gpx:1: time: must be a date and time with its zone"),
