@@ -13,17 +13,19 @@ from scipy.special import ndtr
 from radar_sense.acceptance.frames import attitude_off, turned_wrongly
 from radar_sense.acceptance.refinement import along, coarse_steps, places
 from radar_sense.flight import Path
-from radar_sense.model.geodesy import geodetic_from_ned
+from radar_sense.model.geodesy import geodetic_from_ned, turn_to_origin, turned_attitude
 from radar_sense.model.geometry import body_vector, elevation_of, radar_from_aircraft, slant_range
 from radar_sense.model.horizon import horizon_range
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import BOUND_CHANGE
 from radar_sense.scenario import Scenario
-from radar_sense.states import CONSTANT, DOWN, POSITION, RADAR
+from radar_sense.states import ATTITUDE, CONSTANT, DOWN, POSITION, RADAR, FloatArray
 from radar_sense.words import describe_poses, listed, placed, warning
 
-#: Greatest speed [m/s] without a warning.
-MAX_SPEED = 2e3
+#: Least speed [m/s] of a flight, if it moves at all, and greatest speed without a warning.
+MIN_SPEED, MAX_SPEED = 1.0, 2e3
+#: Greatest bank [rad] without a warning: a level turn at twice the weight.
+MAX_BANK = np.deg2rad(60.0)
 #: Least height above the ellipsoid [m]: the lowest land minus the greatest depth of the geoid.
 MIN_HEIGHT = -600.0
 #: Greatest height [m]: the edge of space (Fédération Aéronautique Internationale, Sporting Code,
@@ -37,14 +39,14 @@ FREQUENCIES = 0.003, 300.0
 MAX_ELEVATION = np.deg2rad(15.0)
 #: Scans and looks are at the same intervals up to this part: the rounding of a data sheet.
 SAME_SCAN = 0.02
-#: P_D counts as at the floor up to this part above the floor.
-ABOVE_FLOOR = 1e-6
+#: P_D counts as at the floor up to this part above the floor: a signal 30 dB below the noise.
+ABOVE_FLOOR = 0.01
 
 
 def plausibility_warnings(scenario: Scenario) -> tuple[str, ...]:
     """Return a warning for each implausible property of a scenario."""
     whole = scenario.along(scenario.geometry.whole)
-    of_flight = (_speed, _height, _range, _floor, _elevation, _antenna)
+    of_flight = (_speed, _bank, _height, _ground, _range, _floor, _elevation, _antenna)
     others = (_spacing, _step, _origin, _frequency, _scan, _constant)
     texts = (*(check(whole) for check in of_flight), *(check(scenario) for check in others))
     return tuple(itertools.chain(*texts))
@@ -63,6 +65,35 @@ def _speed(scenario: Scenario) -> Iterator[str]:
             f"the aircraft flies at up to {speed[fastest] / 1e3:.3g} km/s, after "
             f"{scenario.axis.at(fastest)}: is time_s in seconds, and are positions in their units?",
         )
+    elif 0 < speed[fastest] < MIN_SPEED:
+        yield warning(
+            "too-slow",
+            f"the aircraft flies at {speed[fastest]:.2g} m/s at most: is time_s in seconds, and "
+            "are positions in their units?",
+        )
+
+
+def _bank(scenario: Scenario) -> Iterator[str]:
+    if scenario.time_s is None:
+        return
+    bank = abs(height_and_bank(scenario)[1])
+    yield from placed(
+        "bank-steep",
+        bank > MAX_BANK,
+        scenario.axis,
+        f"the aircraft banks by up to {np.rad2deg(bank.max()):.2g} deg",
+        ": a bank that follows from the track needs precise positions",
+    )
+
+
+def height_and_bank(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
+    """Return heights [m] and banks [rad] (n,), relative to the horizontal at the aircraft."""
+    attitude, origin = scenario.aircraft[:, ATTITUDE], scenario.origin
+    if origin is None:
+        return -scenario.aircraft[:, DOWN], attitude[:, 0]
+    place = geodetic_from_ned(scenario.aircraft[:, POSITION], origin)
+    to_local = np.swapaxes(turn_to_origin(place, origin), -1, -2)
+    return place[:, 2], turned_attitude(attitude, to_local)[:, 0]
 
 
 def _height(scenario: Scenario) -> Iterator[str]:
@@ -102,6 +133,25 @@ def _height(scenario: Scenario) -> Iterator[str]:
         )
 
 
+def _ground(scenario: Scenario) -> Iterator[str]:
+    """Yield a warning of radars below the ground that their horizon has."""
+    each = zip(_names(scenario), scenario.radars, scenario.radar_states, strict=True)
+    height = {
+        name: float(radar.horizon.height(state[POSITION]))
+        for name, radar, state in each
+        if radar.horizon is not None
+    }
+    below = [name for name, value in height.items() if value < 0]
+    if below:
+        ground = "ellipsoid" if scenario.origin is not None else "origin"
+        yield warning(
+            "below-ground",
+            f"{listed(below)} {'is' if len(below) == 1 else 'are'} up to "
+            f"{-min(height.values()):.4g} m below the {ground}, where the horizon has the ground: "
+            "down is positive downwards, and altitudes are above the ellipsoid",
+        )
+
+
 def below_ground(scenario: Scenario, down_km: float | None) -> Iterator[str]:
     """Yield a warning if the down coordinate of an option [km] is below the origin and all radars.
 
@@ -129,16 +179,25 @@ def _range(scenario: Scenario) -> Iterator[str]:
     """Yield a warning of radars at which no pose is within the horizon of an aircraft so high."""
     highest = np.maximum(-scenario.aircraft[:, DOWN].min(), MAX_HEIGHT)
     beyond = horizon_range(np.zeros(()), highest)
-    each = zip(_names(scenario), scenario.radar_states, strict=True)
-    nearest = {name: slant_range(scenario.aircraft, radar).min() for name, radar in each}
-    far = {name: distance for name, distance in nearest.items() if distance > beyond}
+    distance = np.stack([slant_range(scenario.aircraft, r) for r in scenario.radar_states])
+    nearest = dict(zip(_names(scenario), distance.min(axis=1), strict=True))
+    far = {name: least for name, least in nearest.items() if least > beyond}
+    order = "" if scenario.origin is None else ", and latitude and longitude in their order"
+    ask = f": are positions in their units{order}?"
     if far:
-        order = "" if scenario.origin is None else ", and latitude and longitude in their order"
+        least = min(far.values()) / 1e3
         yield warning(
-            "too-far",
-            f"the aircraft is at least {min(far.values()) / 1e3:.4g} km from {listed([*far])}: are "
-            f"positions in their units{order}?",
+            "too-far", f"the aircraft is at least {least:.4g} km from {listed([*far])}{ask}"
         )
+        return
+    away = distance.min(axis=0)
+    yield from placed(
+        "too-far",
+        away > beyond,
+        scenario.axis,
+        f"the aircraft is up to {away.max() / 1e3:.4g} km from every radar",
+        ask,
+    )
 
 
 def _floor(scenario: Scenario) -> Iterator[str]:

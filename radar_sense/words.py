@@ -45,8 +45,14 @@ WARNINGS: dict[str, str] = {
         "A bound is below 0 or above 1, where no probability is. First order does not know the "
         "ends of the scale; the methods probit and form do."
     ),
+    "bank-steep": (
+        "A level turn with a bank of 60 deg takes twice the weight. Bank follows from the track "
+        "where the file has no attitude: positions that are rounded or noisy, at short steps, make "
+        "it up. Smooth them, or give the attitude."
+    ),
     "below-ground": (
-        "The aircraft is below the ellipsoid, or below the origin and every radar. Down is "
+        "The aircraft is below the ellipsoid, or below the origin and every radar; or a radar is "
+        "below the ground that its horizon has, and stands on it in the computation. Down is "
         "positive downwards, so a height of 3 km is -3; altitudes are positive upwards."
     ),
     "cells-unknown": (
@@ -132,6 +138,10 @@ WARNINGS: dict[str, str] = {
     "too-fast": (
         "No aircraft is this fast: times in minutes for seconds, or positions in another unit, "
         "are likely reasons."
+    ),
+    "too-slow": (
+        "No aircraft flies this slowly: times in milliseconds for seconds, or positions in another "
+        "unit, are likely reasons."
     ),
     "too-high": (
         "The aircraft is above the edge of space, 100 km: metres may stand under a key in "

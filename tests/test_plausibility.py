@@ -48,9 +48,32 @@ def test_minutes_for_seconds(tmp_path):
     assert "km/s, after 0 s: is time_s in seconds" in warning
 
 
+def test_milliseconds_for_seconds(tmp_path):
+    (warning,) = of_route(tmp_path, ROUTE.replace("\n20,", "\n20000,").replace("\n40,", "\n4e4,"))
+    assert warning.startswith("the aircraft flies at 0.2 m/s at most: is time_s in seconds")
+
+
+@pytest.mark.parametrize("step", [None, 40])
+def test_one_row_in_another_place_is_seen_at_any_step(tmp_path, step):
+    between = {} if step is None else {"interpolate": {"step_s": step}}
+    path = {"type": "path", "file": "route.csv", **between}
+    swapped = ROUTE.replace("300000,4000", "4000,3000000")
+    fast, *others = of_route(tmp_path, swapped, geometry=path)
+    (far,) = [text for text in others if "[too-far]" in text]
+    assert "the aircraft flies at up to 151 km/s, after 0 s:" in fast
+    assert "3000 km from every radar at 20 s: are positions in their units? [too-far]" in far
+
+
+def test_a_bank_that_rounded_positions_make_up(tmp_path):
+    rows = [f"{t},{300000 + 60 * (t % 2)},{200 * t},-9000" for t in range(20)]
+    warnings = of_route(tmp_path, "\n".join(["time_s,north_m,east_m,down_m", *rows]))
+    (steep,) = [text for text in warnings if "[bank-steep]" in text]
+    assert steep.startswith("the aircraft banks by up to 88 deg at all 20 poses: a bank that")
+
+
 def test_swapped_latitude_and_longitude(tmp_path):
-    (warning,) = geodetic(tmp_path, lat=9.0, lon=46.5)
-    assert warning.endswith("units, and latitude and longitude in their order? [too-far]")
+    far, _ = geodetic(tmp_path, lat=9.0, lon=46.5)  # so far that there is no signal either
+    assert far.endswith("units, and latitude and longitude in their order? [too-far]")
 
 
 def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
@@ -124,10 +147,15 @@ IMPLAUSIBLE = [
         "sigma of c_r of the radar, 168, is above",
         sigma_of_constant(168, "high"),
     ),
-    (  # P_D above its floor by 1e-4 of it is no reason
-        {"radar__constant": 1e-12, **CERTAIN},
-        "P_D is at its floor at all poses, 0.00",
+    (  # P_D above its floor by a tenth of it is no reason
         {"radar__constant": 0.01, **CERTAIN},
+        "P_D is at its floor at all poses, 0.00",
+        {"radar__constant": 10, **CERTAIN},
+    ),
+    (
+        {"radar__position_m": [0, 0, 30], "radar__horizon": True, "geometry__range_km": 200},
+        "the radar is up to 30 m below the origin, where the horizon has the ground: down is",
+        {"radar__position_m": [0, 0, 0], "radar__horizon": True, "geometry__range_km": 200},
     ),
 ]
 

@@ -11,12 +11,12 @@ from radar_sense import files
 from radar_sense.command import Result, command
 from radar_sense.flight import Path
 from radar_sense.limits import DEG
-from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar_constant import Tolerance, relative_std, shape
+from radar_sense.plausibility import height_and_bank
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, CONSTANT, DOWN, POSITION, FloatArray
+from radar_sense.states import CONSTANT, FloatArray
 from radar_sense.words import decibels, describe_poses
 
 #: A smaller number of a summary is rounding, and stands as 0.
@@ -45,7 +45,7 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
     """
     lines, geometry = _constants(scenario), scenario.geometry
     scenario = scenario.along(geometry.whole)
-    height, bank = _height_and_bank(scenario)
+    height, bank = height_and_bank(scenario)
     if isinstance(geometry, Path) and len(geometry.axis) > 1:
         route = geometry.route
         speed = np.diff(route.distance_m) / np.diff(route.time_s)
@@ -53,7 +53,7 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         clock = timedelta(seconds=round(duration))
         lines.append(f"path: {duration:.6g} s ({clock}), {length:.4g} km, speed {_span(speed)} m/s")
     above = "the ellipsoid" if scenario.origin is not None else "the origin"
-    lines.append(f"height {_span(height)} m above {above}, bank {_span(bank)} deg")
+    lines.append(f"height {_span(height)} m above {above}, bank {_span(bank / DEG)} deg")
     states = scenario.radar_states
     names = scenario.model.names or ("radar",)
     for name, radar, state in zip(names, scenario.model.radars, states, strict=True):
@@ -102,16 +102,6 @@ def _shape(constant: float, tolerances: Sequence[Tolerance]) -> str:
         f"c_r has mean {constant * exact.mean:.4g}, standard deviation {constant * exact.std:.4g} "
         f"(first order {first_order:.4g}), skewness {exact.skewness:.2f}"
     )
-
-
-def _height_and_bank(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Return heights [m] and banks [deg] (n,), relative to the horizontal at the aircraft."""
-    attitude, origin = scenario.aircraft[:, ATTITUDE], scenario.origin
-    if origin is None:
-        return -scenario.aircraft[:, DOWN], attitude[:, 0] / DEG
-    place = geodesy.geodetic_from_ned(scenario.aircraft[:, POSITION], origin)
-    to_local = np.swapaxes(geodesy.turn_to_origin(place, origin), -1, -2)
-    return place[:, 2], geodesy.turned_attitude(attitude, to_local)[:, 0] / DEG
 
 
 def _span(values: FloatArray) -> str:

@@ -41,8 +41,9 @@ def read_curve(opened: TextFile, columns: Mapping[str, Column]) -> tuple[FloatAr
         ends = f"{angle[row + 1]:g} after {angle[row]:g}"
         raise file.error(f"{name} must ascend from row to row, got {ends}", int(lines[row + 1]))
     turn = angle[-1] - angle[0]
-    if name == "azimuth_deg" and turn > _TURN_DEG:
-        raise file.error(f"{name} must be within one turn, got {turn:g} deg", int(lines[-1]))
+    if name == "azimuth_deg" and not 0.5 * _TURN_DEG <= turn <= _TURN_DEG:
+        allowed = f"{0.5 * _TURN_DEG:g} to {_TURN_DEG:g} deg from the first row to the last"
+        raise file.error(f"{name} must go around, {allowed}, got {turn:g}", int(lines[-1]))
     if name == "azimuth_deg" and turn == _TURN_DEG and value[0] != value[-1]:
         ends = f"got {value[0]:g} and {value[-1]:g} at {angle[0]:g} and {angle[-1]:g} deg"
         raise file.error(f"must be the same at both ends of a full turn, {ends}", int(lines[-1]))
