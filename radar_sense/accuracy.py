@@ -18,13 +18,13 @@ from radar_sense.errors import InputError
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
-from radar_sense.propagation.looks import PRECISE, Looks
+from radar_sense.propagation.looks import MANY, PRECISE, Looks
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FINER, PART, SOURCE
 from radar_sense.sources import error_budget, scaled, sources_of, value_function
 from radar_sense.states import FloatArray
 
-#: Draws at a pose of a look at all poses. `PRECISE` draws verify a factor.
+#: Draws at a pose of a look at all poses. `PRECISE` draws verify a factor, `MANY` find one.
 LOOK = 256
 #: Poses at which draws verify a factor: as many with the largest values by the method, and as many
 #: with the largest values by few draws at all poses.
@@ -35,8 +35,9 @@ STEP = float(np.log(4.0))
 #: a limit in reach σ is large over more than a decade, from a third of the distance of the limit
 #: to several ranges.
 WAY, NEAR = float(np.log(10.0)) / 2.0, 0.005
-#: Standard errors by which draws are sure that a limit is exceeded.
-SURE = 5.0
+#: Standard errors by which draws are sure that a limit is exceeded; and that it is met, where they
+#: alone find the factor. Where they agree with a method there is no proof to give.
+SURE, PROOF = 5.0, 3.0
 #: 3σ of the draws may exceed the limit by `NEAR` of it, their standard error, and by `STD_CHANGE`
 #: of it, as elsewhere, where these methods say it.
 FIRST_ORDER = ("linear", "probit")
@@ -59,8 +60,8 @@ class RequiredAccuracy:
         place: Place of the residual on the scenario's axis.
         residual_from: Largest of the other sources at the place. None if all sources are scaled
             together, or the method knows of no other. `P_D_ITSELF` if P_D exceeds the limit.
-        known: False if a larger factor may do: beyond `factor` there is no value, or no draw has
-            confirmed one.
+        known: False if a larger factor may do: beyond `factor` there is no value, or draws alone
+            have found it.
     """
 
     factor: float | None
@@ -80,9 +81,9 @@ def required_accuracies(
     """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
 
     The method takes the value to grow with the source. Correlations and limits of a radar can
-    violate this. Draws verify every factor, at the deviations it leads to and, of a growth, on the
-    way. A factor that they refuse is reduced until they confirm it. Where P_D itself is above the
-    limit of its bound, no accuracy is enough.
+    violate this. Draws look at every factor, at the deviations it leads to and, of a growth, on the
+    way. Where they disagree, they find a smaller factor that they are sure of. Where P_D itself is
+    above the limit of its bound, no accuracy is enough.
 
     Args:
         scenario: The scenario, at its level.
@@ -133,7 +134,7 @@ class _Goal:
             self.critical_values = value_function(critical, by, k)
 
     def required(self, names: tuple[str, ...]) -> RequiredAccuracy:
-        """Return the largest factor that the method finds and draws confirm."""
+        """Return the largest factor by the method, or by draws where they disagree."""
         factor, known = self._confirmed(names, *self._largest(names))
         finite_factor = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
         values = self.values(names, finite_factor)
@@ -194,30 +195,33 @@ class _Goal:
     def _confirmed(
         self, names: tuple[str, ...], factor: float | None, known: bool
     ) -> tuple[float | None, bool]:
-        """Return the factor if draws confirm it, else the largest one that they do.
+        """Return the factor if draws agree with it, else the largest one that they prove.
 
         σ falls again where a factor scatters the states beyond a limit of a radar. A growth is
         therefore tried on the way, too.
         """
         smaller = factor and factor < 1.0 and self.method == AUTOMATIC
-        if smaller and self._holds(names, self.limit, 0.0):
+        if smaller and self._agrees(names, 0.0, self.limit):
             factor = None  # FORM asks for more than the draws of the threshold test do
-        # draws that alone find a factor do not forgive what a method may be off
-        holds = partial(self._holds, names, self._allowed if factor else self.limit)
-        if not factor:
+        holds = partial(self._holds, names)
+        last = LARGEST_LOG_FACTOR
+        if factor:
+            last = min(float(np.log(factor)), last)
+            if all(self._agrees(names, at, self._allowed) for at in _on_the_way(last)):
+                return factor, known
+        else:
             if known and self.method != AUTOMATIC:
                 return factor, known
             certain = holds(-np.inf)
             if not certain:
                 return None, certain is False
-        last = LARGEST_LOG_FACTOR if not factor else min(float(np.log(factor)), LARGEST_LOG_FACTOR)
         low = None
-        for high in (*np.arange(0.0, last, WAY).tolist(), last):
+        for high in _on_the_way(last):
             if not holds(high):
                 break
             low = high
         else:
-            return (factor, known) if factor else (np.inf, True)
+            return float(np.exp(last)) if factor else np.inf, not factor
         if low is None:
             low = high - WAY
             while not (at_low := holds(low)):
@@ -234,37 +238,49 @@ class _Goal:
             confirmed = low
         return float(np.exp(confirmed)), False
 
+    def _agrees(self, names: tuple[str, ...], log_factor: float, limit: float) -> bool:
+        """Return whether draws have no pose above a limit at a factor."""
+        return bool(np.all(self._excess(names, log_factor, limit, PRECISE)[0] <= 0.0))
+
     def _holds(
+        self, names: tuple[str, ...], log_factor: float, rows: NDArray[np.intp] | None = None
+    ) -> bool | None:
+        """Return whether draws prove that the limit is met at a factor; None if they are not sure.
+
+        Without rows, the poses of `_rows` are judged.
+        """
+        excess, errors = self._excess(names, log_factor, self.limit, MANY, rows)
+        if np.any(excess > SURE * errors):
+            return False
+        return True if np.all(excess <= -PROOF * errors) else None
+
+    def _excess(
         self,
         names: tuple[str, ...],
-        limit: float,
         log_factor: float,
+        limit: float,
+        draws: int,
         rows: NDArray[np.intp] | None = None,
-    ) -> bool | None:
-        """Return whether draws say that the limit holds at a factor; None if they are not sure.
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return by how much (j,) a limit is exceeded at a factor, and the standard error.
 
-        A bound holds if P_D exceeds the limit with the probability of the bound at most. Without
-        rows, the poses of `_rows` are judged.
+        A bound is exceeded where P_D exceeds the limit with more than the probability of the bound.
         """
         factor = float(np.exp(log_factor))
         rows = self.rows(names, factor) if rows is None else rows
         most = limit if self.k is None else float(ndtr(-self.k))
 
         def compared(found: Estimate) -> tuple[FloatArray, FloatArray]:
-            """Return by how much (j,) the limit is exceeded, and the error that is sure."""
             values, errors = self._value(found) if self.k is None else found.above
-            return values - most, SURE * errors
+            return values - most, errors
 
         def settled(_: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
-            excess, sure = compared(found)
-            return np.asarray((abs(excess) >= sure) | np.any(excess > sure))
+            excess, errors = compared(found)
+            return np.asarray((abs(excess) >= SURE * errors) | np.any(excess > SURE * errors))
 
         changed = scaled(self.scenario, names, factor).at(rows)
         looks = Looks(changed, self.k or 3.0, np.nan if self.k is None else limit)
-        excess, sure = compared(looks.until(settled, PRECISE))
-        if np.any(excess > sure):
-            return False
-        return True if np.all(excess <= 0.0) else None
+        return compared(looks.until(settled, draws))
 
     def _rows(self, names: tuple[str, ...], factor: float) -> NDArray[np.intp]:
         """Return the poses with the largest values by the method, and by few draws at all poses."""
@@ -314,6 +330,11 @@ class _Goal:
         }
         largest = max(at_pose, key=at_pose.__getitem__, default="")
         return largest if at_pose.get(largest, 0.0) > 0 else None
+
+
+def _on_the_way(last: float) -> list[float]:
+    """Return ln of the factors to try up to a last one: of a growth, steps of `WAY` too."""
+    return [*np.arange(0.0, last, WAY).tolist(), last]
 
 
 def only_at(scenario: Scenario, at: float) -> Scenario:

@@ -8,8 +8,8 @@ The mixture (A. Owen and Y. Zhou, "Safe and effective importance sampling", J. A
   errors: the line of sight in body axes, the gain, the tilt of an antenna, and heights where there
   is a horizon. It reaches lobes, limits and horizons.
 - densities about centres that raise P_D: the greatest z of the network within β, the greatest z of
-  each radar alone, the errors that bring the aircraft closest to each radar, and those that raise
-  both ends above a horizon, or the aircraft above a mask.
+  each radar alone, the errors that bring the aircraft closest to each radar, or out of its minimum
+  range, and those that raise both ends above a horizon, or the aircraft above a mask.
 - densities about centres that lower P_D: the least z of the network, and the errors that lead out
   of sight, below a horizon or mask, beyond the maximum range or within the minimum range.
 
@@ -149,6 +149,7 @@ def _centres(states: UncertainStates, beta: float) -> tuple[list[FloatArray], li
         rising.append(_approach(states, beta, i))
         if radar.min_range > 0:
             falling.append(rising[-1])
+            rising.append(_approach(states, -beta, i))
         if radar.max_range < math.inf:
             falling.append(_approach(states, -beta, i))
         by_height: list[Gradient] = []

@@ -81,3 +81,46 @@ def test_a_threshold_that_holds_requires_nothing():
     assert rs.analyses.variance(s, threshold=p_max).passed
     required = rs.analyses.budget(s, threshold=p_max).summary["threshold"]["required_accuracy"]
     assert all(accuracy["factor"] >= 1 for accuracy in required.values()), required
+
+
+@pytest.mark.parametrize(("side", "above"), [("max", 0.0), ("min", 0.003)])
+def test_an_accuracy_beside_a_range_ring_is_enough_and_nearly_the_least(side, above):
+    """P_D is 0 beyond the ring, 2.7 sigma away, and c_r makes P_D exceed a limit on this side.
+
+    FORM sees no ring. P(P_D > limit) at a factor is by plain draws here, in closed form but for c_r
+    and the distance.
+    """
+    constant, std, distance = 0.0019, 0.03 * 0.0019, np.hypot(60e3, 1e3)
+    of_distance = np.hypot(100, 10) * 60e3 / distance
+    ring = distance + (2.7 if side == "min" else -2.7) * of_distance
+    u, v = np.random.default_rng(3).standard_normal((2, 1_000_000))
+    limit = p_d(constant, distance) + above
+
+    def exceeded(factor):
+        at = distance + factor * of_distance * u
+        seen = at > ring if side == "min" else at < ring
+        return np.mean((p_d(constant + factor * std * v, at) > limit) & seen)
+
+    s = near(f"constant: {constant}", std, f", {side}_range_km: {ring / 1e3}")
+    s = s.at_poses(slice(0, 1))
+    required = rs.analyses.budget(s, threshold=limit).summary["threshold"]["required_accuracy"]
+    factor = required["all"]["factor"]
+    error = np.sqrt(0.00135 / len(u))
+    assert exceeded(factor) <= 0.00135 + 3 * error
+    assert exceeded(1.05 * factor) >= 0.00135 - 3 * error
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_accuracy_out_of_a_minimum_range_is_enough(seed):
+    """P_D is 0 within the ring and 1 beyond it: at a factor f P(P_D > 0.5) is Φ(−2.9/f)."""
+    distance = np.hypot(60e3, 1e3)
+    ring = distance + 2.9 * np.hypot(100, 10) * 60e3 / distance
+    s = near("constant: 30", 0.03, f", min_range_km: {ring / 1e3}")
+    s = s.at_poses(slice(0, 1)).with_analysis(seed=seed)
+    required = rs.analyses.budget(s, threshold=0.5).summary["threshold"]["required_accuracy"]
+    assert 0.95 * 2.9 / 3 <= required["all"]["factor"] <= 2.9 / 3
+
+
+def p_d(constant, distance):
+    """P_D of `near` by Swerling's case 1."""
+    return 1e-6 ** (1 / (1 + constant / (1.380649e-23 * distance**4)))
