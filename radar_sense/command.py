@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 from numpy.typing import NDArray
 
 from radar_sense import files
+from radar_sense.differences import RECORD
 from radar_sense.errors import (
     FigureError,
     InputError,
@@ -297,7 +298,7 @@ class Result:
     def record(self, command: Sequence[str] = ()) -> dict[str, Any]:
         """Return the inputs, the warnings, the summary and the columns, for the JSON record."""
         return {
-            "record": files.RECORD,
+            "record": RECORD,
             "analysis": self.analysis,
             "command": list(command),
             "seed": self.scenario.seed,

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from radar_sense.errors import InputError, describe
-from radar_sense.files import RECORD
 
+#: Version of the keys of the JSON record, see docs/questions/use.md.
+RECORD = 1
 #: Most lines of a section.
 MOST_LINES = 60
 #: What a record must have, see docs/questions/use.md.

@@ -25,8 +25,6 @@ from radar_sense import __version__
 if TYPE_CHECKING:  # `init` writes files without NumPy
     from radar_sense.states import FloatArray
 
-#: Version of the keys of the JSON record, see docs/questions/use.md.
-RECORD = 1
 _PACKAGES = ("numpy", "scipy", "click", "matplotlib", "pyyaml")
 #: Rows of a CSV file that are turned into text at a time, which bounds the memory.
 _ROWS = 16_384

@@ -78,7 +78,7 @@ WARNING = {
         "\n\n",
     ),
 }
-CHECKS = "(_speed, _height, _range", "(_speed, _pitch, _height, _range"
+CHECKS = "(_speed, _bank, _height", "(_speed, _pitch, _bank, _height"
 
 
 @pytest.fixture(scope="module")
