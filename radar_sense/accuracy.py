@@ -221,7 +221,7 @@ class _Goal:
                 break
             low = high
         else:
-            return float(np.exp(last)) if factor else np.inf, not factor
+            return (np.inf, True) if last == LARGEST_LOG_FACTOR else (factor, False)
         if low is None:
             low = high - WAY
             while not (at_low := holds(low)):

@@ -11,7 +11,7 @@ from scipy.constants import speed_of_light
 from scipy.special import ndtr
 
 from radar_sense.acceptance.frames import attitude_off, turned_wrongly
-from radar_sense.acceptance.refinement import along, coarse_steps, places
+from radar_sense.acceptance.refinement import along, coarseness, places
 from radar_sense.flight import Path
 from radar_sense.model.geodesy import geodetic_from_ned, turn_to_origin, turned_attitude
 from radar_sense.model.geometry import body_vector, elevation_of, radar_from_aircraft, slant_range
@@ -23,7 +23,7 @@ from radar_sense.states import ATTITUDE, CONSTANT, DOWN, POSITION, RADAR, FloatA
 from radar_sense.words import describe_poses, listed, placed, warning
 
 #: Least speed [m/s] of a flight, if it moves at all, and greatest speed without a warning.
-MIN_SPEED, MAX_SPEED = 1.0, 2e3
+MIN_SPEED, MAX_SPEED = 0.5, 2e3
 #: Greatest bank [rad] without a warning: a level turn at twice the weight.
 MAX_BANK = np.deg2rad(60.0)
 #: Least height above the ellipsoid [m]: the lowest land minus the greatest depth of the geoid.
@@ -81,8 +81,8 @@ def _bank(scenario: Scenario) -> Iterator[str]:
         "bank-steep",
         bank > MAX_BANK,
         scenario.axis,
-        f"the aircraft banks by up to {np.rad2deg(bank.max()):.2g} deg",
-        ": a bank that follows from the track needs precise positions",
+        f"the aircraft banks by up to {np.rad2deg(bank.max()):.3g} deg",
+        ": if bank follows from the track, it needs precise positions",
     )
 
 
@@ -147,8 +147,8 @@ def _ground(scenario: Scenario) -> Iterator[str]:
         yield warning(
             "below-ground",
             f"{listed(below)} {'is' if len(below) == 1 else 'are'} up to "
-            f"{-min(height.values()):.4g} m below the {ground}, where the horizon has the ground: "
-            "down is positive downwards, and altitudes are above the ellipsoid",
+            f"{-min(height.values()):.4g} m below the {ground}, where the horizon has the ground "
+            "and them on it: down is positive downwards, altitudes are above the ellipsoid",
         )
 
 
@@ -179,25 +179,16 @@ def _range(scenario: Scenario) -> Iterator[str]:
     """Yield a warning of radars at which no pose is within the horizon of an aircraft so high."""
     highest = np.maximum(-scenario.aircraft[:, DOWN].min(), MAX_HEIGHT)
     beyond = horizon_range(np.zeros(()), highest)
-    distance = np.stack([slant_range(scenario.aircraft, r) for r in scenario.radar_states])
-    nearest = dict(zip(_names(scenario), distance.min(axis=1), strict=True))
-    far = {name: least for name, least in nearest.items() if least > beyond}
-    order = "" if scenario.origin is None else ", and latitude and longitude in their order"
-    ask = f": are positions in their units{order}?"
+    each = zip(_names(scenario), scenario.radar_states, strict=True)
+    nearest = {name: slant_range(scenario.aircraft, radar).min() for name, radar in each}
+    far = {name: distance for name, distance in nearest.items() if distance > beyond}
     if far:
-        least = min(far.values()) / 1e3
+        order = "" if scenario.origin is None else ", and latitude and longitude in their order"
         yield warning(
-            "too-far", f"the aircraft is at least {least:.4g} km from {listed([*far])}{ask}"
+            "too-far",
+            f"the aircraft is at least {min(far.values()) / 1e3:.4g} km from {listed([*far])}: are "
+            f"positions in their units{order}?",
         )
-        return
-    away = distance.min(axis=0)
-    yield from placed(
-        "too-far",
-        away > beyond,
-        scenario.axis,
-        f"the aircraft is up to {away.max() / 1e3:.4g} km from every radar",
-        ask,
-    )
 
 
 def _floor(scenario: Scenario) -> Iterator[str]:
@@ -254,7 +245,7 @@ def _spacing(scenario: Scenario) -> Iterator[str]:
     geometry = scenario.geometry
     if not isinstance(geometry, Path) or geometry.flight is not None or len(geometry.axis) < 2:
         return  # of poses between the rows the user has chosen the step
-    coarse = coarse_steps(scenario, lobes=False)
+    coarse = coarseness(scenario, lobes=False) > 1.0
     if coarse.any():
         longest = float(np.diff(geometry.time_s)[coarse].max())
         yield warning(

@@ -256,7 +256,7 @@ def value_function(
 def worth_most(scenario: Scenario, budget: Budget) -> tuple[list[Contribution], float]:
     """Return what leaves the least 3σ at the pose if its deviation is halved, and what it leaves.
 
-    Several leave the same in print. None is returned where the method has no value. Sobol' indices
+    Several leave the same in print. The list is empty where the method has no value. Sobol' indices
     have no value with a deviation halved: the source with the largest share is returned, and NaN.
     """
     pose, total = budget.pose, float(budget.total.three_sigma[budget.pose])

@@ -53,7 +53,9 @@ WARNINGS: dict[str, str] = {
     "below-ground": (
         "The aircraft is below the ellipsoid, or below the origin and every radar; or a radar is "
         "below the ground that its horizon has, and stands on it in the computation. Down is "
-        "positive downwards, so a height of 3 km is -3; altitudes are positive upwards."
+        "positive downwards, so a height of 3 km is -3; altitudes are positive upwards. Where the "
+        "sea is below the ellipsoid, state the altitudes of radars and route above the sea as if "
+        "it were the ellipsoid."
     ),
     "cells-unknown": (
         "Cells without a number: the aircraft is at a radar there, or the method does not "
@@ -140,7 +142,7 @@ WARNINGS: dict[str, str] = {
         "are likely reasons."
     ),
     "too-slow": (
-        "No aircraft flies this slowly: times in milliseconds for seconds, or positions in another "
+        "Few aircraft fly this slowly: times in milliseconds for seconds, or positions in another "
         "unit, are likely reasons."
     ),
     "too-high": (

@@ -58,17 +58,15 @@ def test_one_row_in_another_place_is_seen_at_any_step(tmp_path, step):
     between = {} if step is None else {"interpolate": {"step_s": step}}
     path = {"type": "path", "file": "route.csv", **between}
     swapped = ROUTE.replace("300000,4000", "4000,3000000")
-    fast, *others = of_route(tmp_path, swapped, geometry=path)
-    (far,) = [text for text in others if "[too-far]" in text]
+    fast, *_ = of_route(tmp_path, swapped, geometry=path)
     assert "the aircraft flies at up to 151 km/s, after 0 s:" in fast
-    assert "3000 km from every radar at 20 s: are positions in their units? [too-far]" in far
 
 
 def test_a_bank_that_rounded_positions_make_up(tmp_path):
     rows = [f"{t},{300000 + 60 * (t % 2)},{200 * t},-9000" for t in range(20)]
     warnings = of_route(tmp_path, "\n".join(["time_s,north_m,east_m,down_m", *rows]))
     (steep,) = [text for text in warnings if "[bank-steep]" in text]
-    assert steep.startswith("the aircraft banks by up to 88 deg at all 20 poses: a bank that")
+    assert steep.startswith("the aircraft banks by up to 88.2 deg at all 20 poses: if bank")
 
 
 def test_swapped_latitude_and_longitude(tmp_path):
@@ -154,7 +152,7 @@ IMPLAUSIBLE = [
     ),
     (
         {"radar__position_m": [0, 0, 30], "radar__horizon": True, "geometry__range_km": 200},
-        "the radar is up to 30 m below the origin, where the horizon has the ground: down is",
+        "the radar is up to 30 m below the origin, where the horizon has the ground and them on",
         {"radar__position_m": [0, 0, 0], "radar__horizon": True, "geometry__range_km": 200},
     ),
 ]

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.flight import CERTAIN
+from radar_sense.limits import MIN_RANGE
 from radar_sense.model.geometry import body_vector, join, slant_range
 from radar_sense.propagation import Band
 from radar_sense.scenario import Scenario
@@ -110,11 +111,10 @@ def refined(
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
     tolerance of straight lines, which grows with the distance below the limit. Second differences
     estimate the distance from the lines. Two standard errors of a bound are no bend. Where
-    `MAX_POSES` would be added besides rows of the flight, no more are computed, and P_D is not
-    resolved.
+    `MAX_POSES` would be added, no more are computed, and P_D is not resolved.
     """
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
-    order, most = -1 if given[0] > given[-1] else 1, len(scenario.geometry.whole.axis) + MAX_POSES
+    order, most = -1 if given[0] > given[-1] else 1, len(given) + MAX_POSES
 
     def bent(values: FloatArray, noise: FloatArray | float = 0.0) -> NDArray[np.bool_]:
         below = limit - np.fmax(values[1:], values[:-1])
@@ -146,8 +146,8 @@ def along(scenario: Scenario, place: FloatArray) -> Scenario:
     return scenario.along(scenario.geometry.at(place))
 
 
-def coarse_steps(path: Scenario, *, lobes: bool = True) -> NDArray[np.bool_]:
-    """Return the steps (n − 1,) in which the aspect or the range of a radar changes much.
+def coarseness(path: Scenario, *, lobes: bool = True) -> FloatArray:
+    """Return how much (n − 1,) aspect and range of a radar change in each step: above 1 too much.
 
     Where the gain or a mask depends on the direction from the radar, it may not turn more.
 
@@ -155,7 +155,7 @@ def coarse_steps(path: Scenario, *, lobes: bool = True) -> NDArray[np.bool_]:
         path: The poses.
         lobes: Whether a step may be no longer than `HALF` of the finest detail of a radar.
     """
-    coarse = np.zeros(len(path.aircraft) - 1, dtype=bool)
+    changes = np.zeros(len(path.aircraft) - 1)
     for single, radar in zip(path.radars, path.radar_states, strict=True):
         model, by_direction = single.model, (single.model.antenna, single.mask)
         details = [of.detail for of in (model.rcs, *by_direction) if of is not None and lobes]
@@ -163,10 +163,11 @@ def coarse_steps(path: Scenario, *, lobes: bool = True) -> NDArray[np.bool_]:
         line = path.aircraft[:, POSITION] - radar[POSITION]
         distance = np.linalg.norm(line, axis=1)
         moved = np.linalg.norm(np.diff(line, axis=0), axis=1)
-        nearer = np.minimum(distance[1:], distance[:-1])
-        coarse |= moved > LARGEST_MOVE * nearer
-        if by_direction != (None, None):
-            coarse |= moved > largest * nearer
+        moved /= np.maximum(np.minimum(distance[1:], distance[:-1]), MIN_RANGE)
+        turns = by_direction != (None, None)
+        changes = np.maximum(
+            changes, moved / (min(LARGEST_MOVE, largest) if turns else LARGEST_MOVE)
+        )
         if model.rcs.isotropic:
             continue
         x, y, z = body_vector(path.aircraft, radar).T
@@ -174,30 +175,59 @@ def coarse_steps(path: Scenario, *, lobes: bool = True) -> NDArray[np.bool_]:
         turn = abs(np.diff(np.unwrap(np.arctan2(y, x))))
         # near the poles a turn in azimuth is no turn of the aspect
         turn *= np.minimum(1.0, 2.0 * np.maximum(across[1:], across[:-1]) / distance[1:])
-        coarse |= np.maximum(turn, abs(np.diff(np.arctan2(z, across)))) > largest
-    return coarse
+        turn = np.maximum(turn, abs(np.diff(np.arctan2(z, across))))
+        changes = np.maximum(changes, turn / largest)
+    return changes
 
 
-@lru_cache(maxsize=1)  # a test and the warnings of its scenario need the same places
+@lru_cache(maxsize=1)  # a test and the warning of a far origin need the same places
 def places(scenario: Scenario) -> FloatArray:
     """Return coordinates (k,) of a flight, ascending, between which no lobe, gap or limit fits.
 
-    These are the poses and the rows of the flight, the middles of coarse steps, the closest point
-    to each radar, the point nearest to its limits, and both sides of each crossing of a limit.
-    Steps are halved until `MAX_POSES` coordinates are added. With more, some steps may still be
-    coarse.
+    These are the poses and rows of the flight, see `_rows`, the middles of coarse steps, the
+    closest point to each radar, the point nearest to its limits, and both sides of each crossing of
+    a limit. Steps are halved until `MAX_POSES` coordinates are added. With more, some steps may
+    still be coarse.
     """
-    nominal, whole = _nominal(scenario), scenario.geometry.whole
-    place, shortest = np.sort(whole.coordinate), LEAST_STEP * whole.shortest
-    most = len(place) + MAX_POSES
+    nominal, shortest = _nominal(scenario), LEAST_STEP * scenario.geometry.shortest
+    place = _rows(scenario)
+    most = len(scenario.geometry.axis) + MAX_POSES
     while len(place) < most:
-        coarse = coarse_steps(along(nominal, place)) & (np.diff(place) > shortest)
+        coarse = (coarseness(along(nominal, place)) > 1.0) & (np.diff(place) > shortest)
         if not coarse.any():
             break
         place = np.sort(np.append(place, _middles(place)[coarse]))
     for turning in (_nearness, _margins):
         place = np.union1d(place, _maxima(nominal, place, turning))
     return np.union1d(place, _crossings(nominal, place))
+
+
+def _rows(scenario: Scenario) -> FloatArray:
+    """Return coordinates (k,) of the poses and of rows of the flight between them, ascending.
+
+    Rows between which aspect and range change little are parts of the flight. Of each part the
+    first row is returned, and those where P_D is greatest, a radar is closest, its limits are
+    nearest, and a variance is greatest.
+    """
+    geometry = scenario.geometry
+    whole = scenario.along(geometry.whole)
+    place = whole.geometry.coordinate
+    if len(place) == len(geometry.axis):
+        return np.sort(place)
+    travelled = np.cumsum(np.minimum(coarseness(whole), 1.0))
+    part = np.insert(np.floor(travelled), 0, -1.0)
+    values = [
+        _nearness(whole),
+        _margins(whole),
+        whole.model.p_d(whole.aircraft, whole.radar)[:, None],
+    ]
+    if whole.cov_aircraft.ndim == 3:
+        values.append(np.diagonal(whole.cov_aircraft, axis1=1, axis2=2))
+    kept = np.isin(place, geometry.coordinate) | (np.diff(part, prepend=-2.0) > 0)
+    for value in np.hstack(values).T:
+        order = np.lexsort((value, part))
+        kept[order[np.diff(part[order], append=np.inf) > 0]] = True
+    return place[kept]
 
 
 def _nominal(scenario: Scenario) -> Scenario:

@@ -175,12 +175,12 @@ def decide(
         # as many runs or more exceed the limit with this probability, if the draws are right
         counts, most = runs.counts[some], runs.runs * (above + 3.0 * error)
         consistent = (counts == 0) | (pdtrc(counts - 1.0, most) > ALARM)
-        holds = (to_hold * error <= below) & consistent & (runs.runs >= wanted)
-        return holds, to_violate * error < -below
+        return (to_hold * error <= below) & consistent, to_violate * error < -below
 
     looks = Looks(scenario.states(), k, p_max, first)
     drawn = looks.until(lambda some, found: np.logical_or(*decided(some, found)), LAST, rows)
-    return Decision(*decided(every, drawn), drawn.bounds[0][1], runs, wanted)
+    holds, violated = decided(every, drawn)
+    return Decision(holds & (runs.runs >= wanted), violated, drawn.bounds[0][1], runs, wanted)
 
 
 @dataclass(frozen=True, eq=False)

@@ -210,7 +210,7 @@ def _remedy(tested: PathTest, method: str) -> str:
         )
     if runs.runs < tested.decision.wanted:
         wanted = f"{tested.decision.wanted:,}"
-        return f"  {wanted} runs of the path would be needed: use a smaller --k, or fewer poses"
+        return f"  {wanted} runs of the path would be needed: use a smaller --k, or test a part"
     return "  the bound is too near to the threshold for draws to decide"
 
 

@@ -169,6 +169,27 @@ def test_a_bank_in_the_file_between_two_poses_of_a_coarse_step(tmp_path):
         assert own["value"] == pytest.approx(highest["value"], abs=error)
 
 
+def test_rows_in_which_nothing_happens_are_no_poses(tmp_path):
+    """Of 20 000 rows of a level flight with noise few are tested, and the one that counts is."""
+    rng, n = np.random.default_rng(1), 20_001
+    roll = np.zeros(n)
+    roll[n // 2 + 2] = -35  # one row, between two poses
+    north = 60000 + rng.normal(0, 1, n)
+    (tmp_path / "many.csv").write_text(
+        "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg\n"
+        + "".join(
+            f"{0.1 * i:.1f},{x:.1f},{20 * i - 200000},-9000,{r},0,90\n"
+            for i, (x, r) in enumerate(zip(north, roll, strict=True))
+        )
+    )
+    banked(tmp_path, 60)
+    scenario = rs.load_scenario(tmp_path / "flight.yaml", {"geometry.file": "many.csv"})
+    found = analyses.variance(scenario, threshold=LIMIT).summary["threshold"]
+    assert found["verdict"] == "violated"
+    assert found["first_violation"]["distance_m"] == pytest.approx(200e3, abs=1e3)
+    assert found["poses"] < 500
+
+
 @pytest.mark.parametrize("method", ["legs", "smooth"])
 def test_axis_and_overview_are_those_of_the_file_at_any_step(tmp_path, method):
     for step in (1, 700, 2400):

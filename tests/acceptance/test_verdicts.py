@@ -364,11 +364,11 @@ def test_steps_that_turn_the_aspect_or_move_by_a_tenth_are_coarse(tmp_path):
     """The radar is 400 km away; the aircraft turns by 4.99 and 5.01 degrees."""
     header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg\n"
     turns = f"{header}0,4e5,0,0,0,0,0\n10,4e5,0,0,0,0,4.99\n20,4e5,0,0,0,0,10\n"
-    assert refinement.coarse_steps(past(tmp_path, turns)).tolist() == [False, True]
+    assert (refinement.coarseness(past(tmp_path, turns)) > 1).tolist() == [False, True]
     # by 4.9 km at 50.1 km, and by 4.6 km at 45.5 km
     moves = "time_s,north_m,east_m,down_m\n0,55e3,0,0\n10,50.1e3,0,0\n20,45.5e3,0,0\n"
     moving = past(tmp_path, moves, aircraft__rcs=CONSTANT)
-    assert refinement.coarse_steps(moving).tolist() == [False, True]
+    assert (refinement.coarseness(moving) > 1).tolist() == [False, True]
 
 
 def test_interpolate_chooses_the_rows_of_the_table_and_not_the_poses_of_the_test(tmp_path):
