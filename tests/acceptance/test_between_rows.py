@@ -205,3 +205,21 @@ def test_a_row_on_top_of_the_radar_is_refused_at_any_step(tmp_path):
     for step in (5, 1000):
         with pytest.raises(rs.InputError, match="on top of the radar at"):
             banked(tmp_path, step, position_m=[60000, 2000, -9000])
+
+
+def test_a_dip_into_a_ring_in_one_of_many_rows(tmp_path):
+    """The dip is 300 m of 100 km, too little to be a turn, and 60 sigma deep."""
+    east = range(-4000, 4001, 10)
+    rows = "".join(f"{e / 100 + 40},{99700 if e == 130 else 100000},{e},0\n" for e in east)
+    strong = [radar(2000, max_range_km=99.9)]
+    s = flight(tmp_path, rows, strong, {"model": "constant", "rcs_m2": 1}, KNOWN_POSE)
+    coarse = rs.load_scenario(tmp_path / "flight.yaml", {"geometry.interpolate": {"step_s": 20}})
+    for scenario in (s, coarse):
+        found = analyses.variance(scenario, threshold=LIMIT).summary["threshold"]
+        assert found["verdict"] == "violated"
+        assert found["p_d_itself_above"]
+        assert found["first_violation"]["time_s"] == pytest.approx(41.3, abs=0.1)
+    assert found["poses"] < 100
+
+
+KNOWN_POSE = {"position_m": 5, "attitude_deg": 1}
