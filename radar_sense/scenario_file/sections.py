@@ -277,7 +277,7 @@ class Radar(Section):
         default=North(),
     )
     scan_period_s: float | None = key(
-        "Time from one look to the next, which mission needs; by default that of a scan of "
+        "Time from one look to the next, which mission needs; by default the scan time of "
         "surveillance.",
         POSITIVE,
         default=None,
