@@ -34,7 +34,8 @@ from radar_sense.states import POSITION, FloatArray
 #: Largest turn between two poses [rad], of the aspect and of the direction from a radar. It is also
 #: HALF of a lobe of the RCS, or of the distance of two nodes of a table, gain or mask.
 LARGEST_TURN, HALF = np.deg2rad(5.0), 0.5
-#: Largest distance between two poses, as a part of the range of each radar.
+#: Largest distance between two poses, as a part of the range of each radar; and largest change of
+#: a covariance that rows are left out in, as a part of the variances.
 LARGEST_MOVE = 0.1
 #: Shortest step that lobes divide, as a part of `Geometry.shortest`.
 LEAST_STEP = 1e-3
@@ -205,24 +206,31 @@ def places(scenario: Scenario) -> FloatArray:
 def _rows(scenario: Scenario) -> FloatArray:
     """Return coordinates (k,) of the poses and of rows of the flight between them, ascending.
 
-    Rows between which aspect and range change little are parts of the flight. Of each part the
-    first row is returned, and those where P_D is greatest, a radar is closest, its limits are
-    nearest, and a variance is greatest.
+    Rows between which aspect, range and covariance change little are parts of the flight. Of each
+    part the first row is returned, and those where P_D is greatest, a radar is closest, its limits
+    are nearest, and a variance is greatest.
     """
     geometry = scenario.geometry
     whole = scenario.along(geometry.whole)
     place = whole.geometry.coordinate
     if len(place) == len(geometry.axis):
         return np.sort(place)
-    travelled = np.cumsum(np.minimum(coarseness(whole), 1.0))
-    part = np.insert(np.floor(travelled), 0, -1.0)
+    changes, covariance = coarseness(whole), whole.cov_aircraft
+    if covariance.ndim == 3:
+        std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        std = np.maximum(std[1:], std[:-1])
+        scale = LARGEST_MOVE * std[:, :, np.newaxis] * std[:, np.newaxis]
+        change = abs(np.diff(covariance, axis=0))
+        parts = np.divide(change, scale, out=np.zeros_like(change), where=scale > 0)
+        changes = np.maximum(changes, parts.max(axis=(1, 2)))
+    part = np.insert(np.floor(np.cumsum(np.minimum(changes, 1.0))), 0, -1.0)
     values = [
         _nearness(whole),
         _margins(whole),
         whole.model.p_d(whole.aircraft, whole.radar)[:, None],
     ]
-    if whole.cov_aircraft.ndim == 3:
-        values.append(np.diagonal(whole.cov_aircraft, axis1=1, axis2=2))
+    if covariance.ndim == 3:
+        values.append(np.diagonal(covariance, axis1=1, axis2=2))
     kept = np.isin(place, geometry.coordinate) | (np.diff(part, prepend=-2.0) > 0)
     for value in np.hstack(values).T:
         order = np.lexsort((value, part))

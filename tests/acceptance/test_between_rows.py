@@ -223,3 +223,43 @@ def test_a_dip_into_a_ring_in_one_of_many_rows(tmp_path):
 
 
 KNOWN_POSE = {"position_m": 5, "attitude_deg": 1}
+
+
+def test_an_error_towards_the_radar_in_one_of_many_rows(tmp_path):
+    """The variances are those of the other rows: the correlation alone turns the error."""
+    head = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg,"
+    axes = ["north_m", "east_m", "down_m", "roll_deg", "pitch_deg", "yaw_deg"]
+    named = [tuple(name.rsplit("_", 1)) for name in axes]
+    pairs = [(a, b) for i, a in enumerate(named) for b in named[i:]]
+    for_unit = {("m", "m"): "m2", ("m", "deg"): "m_deg", ("deg", "deg"): "deg2"}
+    head += ",".join(f"cov_{a}_{b}_{for_unit[u, v]}" for (a, u), (b, v) in pairs)
+    rows = []
+    for i in range(200):
+        known = dict.fromkeys(axes, 0.01) | {"north_m": 4e6, "east_m": 4e6}
+        cross = 3.6e6 if i == 88 else -3.6e6
+        cells = [
+            known["_".join(a)] if a == b else cross if {a[0], b[0]} == {"north", "east"} else 0
+            for a, b in pairs
+        ]
+        place = [0.5 * i, 30000 + i, 30000 - i, -3000, 0, 0, 0]
+        rows.append(",".join(map(str, [*place, *cells])))
+    (tmp_path / "route.csv").write_text("\n".join([head, *rows]))
+    content = document(
+        geometry={"type": "path", "file": "route.csv", "interpolate": {"step_s": 50}},
+        aircraft__rcs={"model": "constant", "rcs_m2": 0.05},
+        radar={"p_fa": 1e-6, "position_m": [0, 0, 0], "constant": 0.0007},
+        uncertainty={"radar": {"medium": {"position_m": 1, "constant": 0.0001 * 0.0007}}},
+        analysis={"level": "medium"},
+    )
+    del content["aircraft"]["attitude_deg"]
+    (tmp_path / "flight.yaml").write_text(dump_yaml(content))
+    scenario = rs.load_scenario(tmp_path / "flight.yaml")
+    uppers = [
+        analyses.variance(s, method="form").table["upper_3sigma"].max()
+        for s in (scenario, scenario.along(scenario.geometry.at(np.array([43.5, 44.0, 44.5]))))
+    ]
+    limit = float(np.mean(uppers))
+    assert uppers[1] > 1.5 * uppers[0]
+    found = analyses.variance(scenario, threshold=limit).summary["threshold"]
+    assert found["verdict"] == "violated"
+    assert found["first_violation"]["time_s"] == pytest.approx(44.0, abs=0.6)
