@@ -35,8 +35,8 @@ STEP = float(np.log(4.0))
 #: a limit in reach σ is large over more than a decade, from a third of the distance of the limit
 #: to several ranges.
 WAY, NEAR = float(np.log(10.0)) / 2.0, 0.005
-#: Standard errors by which draws are sure that a limit is exceeded; and that it is met, where they
-#: alone find the factor. Where they agree with a method there is no proof to give.
+#: Standard errors by which draws are sure that a limit is exceeded, and by which a factor that they
+#: alone find must meet it: a normal error is beyond 3 with a probability of 0.1 %.
 SURE, PROOF = 5.0, 3.0
 #: 3σ of the draws may exceed the limit by `NEAR` of it, their standard error, and by `STD_CHANGE`
 #: of it, as elsewhere, where these methods say it.

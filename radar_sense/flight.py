@@ -230,7 +230,8 @@ class Path(Geometry):
         if self.flight is None:
             return self
         time = self.time_s
-        rows = self.flight.time_s[(self.flight.time_s > time[0]) & (self.flight.time_s < time[-1])]
+        rows = self.flight.time_s
+        rows = rows[(rows > time[0]) & (rows < time[-1])]
         after = np.searchsorted(time, rows)
         nearest = np.minimum(rows - time[after - 1], time[after] - rows)
         return self.at(np.union1d(time, rows[nearest > SAME_TIME]))

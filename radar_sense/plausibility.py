@@ -10,12 +10,12 @@ import numpy as np
 from scipy.constants import speed_of_light
 from scipy.special import ndtr
 
-from radar_sense.acceptance.frames import attitude_off, turned_wrongly
+from radar_sense.acceptance.frames import attitude_off, turn_from_level, turned_wrongly
 from radar_sense.acceptance.refinement import along, coarseness, places
 from radar_sense.flight import Path
-from radar_sense.model.geodesy import geodetic_from_ned, turn_to_origin, turned_attitude
+from radar_sense.model.geodesy import turned_attitude
 from radar_sense.model.geometry import body_vector, elevation_of, radar_from_aircraft, slant_range
-from radar_sense.model.horizon import horizon_range
+from radar_sense.model.horizon import Horizon, horizon_range
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import BOUND_CHANGE
 from radar_sense.scenario import Scenario
@@ -76,7 +76,7 @@ def _speed(scenario: Scenario) -> Iterator[str]:
 def _bank(scenario: Scenario) -> Iterator[str]:
     if scenario.time_s is None:
         return
-    bank = abs(height_and_bank(scenario)[1])
+    bank = abs(banks(scenario))
     yield from placed(
         "bank-steep",
         bank > MAX_BANK,
@@ -86,22 +86,18 @@ def _bank(scenario: Scenario) -> Iterator[str]:
     )
 
 
-def height_and_bank(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Return heights [m] and banks [rad] (n,), relative to the horizontal at the aircraft."""
-    attitude, origin = scenario.aircraft[:, ATTITUDE], scenario.origin
-    if origin is None:
-        return -scenario.aircraft[:, DOWN], attitude[:, 0]
-    place = geodetic_from_ned(scenario.aircraft[:, POSITION], origin)
-    to_local = np.swapaxes(turn_to_origin(place, origin), -1, -2)
-    return place[:, 2], turned_attitude(attitude, to_local)[:, 0]
+def banks(scenario: Scenario) -> FloatArray:
+    """Return the bank (n,) [rad], relative to the horizontal at the aircraft."""
+    attitude = scenario.aircraft[:, ATTITUDE]
+    if scenario.origin is not None:
+        attitude = turned_attitude(attitude, np.swapaxes(turn_from_level(scenario), -1, -2))
+    return attitude[:, 0]
 
 
 def _height(scenario: Scenario) -> Iterator[str]:
     down = scenario.aircraft[:, DOWN]
-    height, above = -down, "the origin"
-    if scenario.origin is not None:
-        height = geodetic_from_ned(scenario.aircraft[:, POSITION], scenario.origin)[:, 2]
-        above = "the ellipsoid"
+    height = Horizon(scenario.origin).height(scenario.aircraft)
+    above = "the origin" if scenario.origin is None else "the ellipsoid"
     highest = float(height.max())
     if highest > MAX_HEIGHT:
         yield warning(

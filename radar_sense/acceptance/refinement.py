@@ -34,8 +34,8 @@ from radar_sense.states import POSITION, FloatArray
 #: Largest turn between two poses [rad], of the aspect and of the direction from a radar. It is also
 #: HALF of a lobe of the RCS, or of the distance of two nodes of a table, gain or mask.
 LARGEST_TURN, HALF = np.deg2rad(5.0), 0.5
-#: Largest distance between two poses, as a part of the range of each radar; and largest change of
-#: a covariance that rows are left out in, as a part of the variances.
+#: Largest distance between two poses, as a part of the range of each radar. Rows are left out
+#: where a covariance changes by less than this part of its variances.
 LARGEST_MOVE = 0.1
 #: Shortest step that lobes divide, as a part of `Geometry.shortest`.
 LEAST_STEP = 1e-3
@@ -215,27 +215,26 @@ def _rows(scenario: Scenario) -> FloatArray:
     place = whole.geometry.coordinate
     if len(place) == len(geometry.axis):
         return np.sort(place)
-    changes, covariance = coarseness(whole), whole.cov_aircraft
-    if covariance.ndim == 3:
-        std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        std = np.maximum(std[1:], std[:-1])
-        scale = LARGEST_MOVE * std[:, :, np.newaxis] * std[:, np.newaxis]
-        change = abs(np.diff(covariance, axis=0))
-        parts = np.divide(change, scale, out=np.zeros_like(change), where=scale > 0)
-        changes = np.maximum(changes, parts.max(axis=(1, 2)))
+    p_d = whole.model.p_d(whole.aircraft, whole.radar)
+    changes, values = coarseness(whole), [_nearness(whole), _margins(whole), p_d[:, np.newaxis]]
+    if whole.cov_aircraft.ndim == 3:
+        changes = np.maximum(changes, _scattering(whole.cov_aircraft))
+        values.append(np.diagonal(whole.cov_aircraft, axis1=1, axis2=2))
     part = np.insert(np.floor(np.cumsum(np.minimum(changes, 1.0))), 0, -1.0)
-    values = [
-        _nearness(whole),
-        _margins(whole),
-        whole.model.p_d(whole.aircraft, whole.radar)[:, None],
-    ]
-    if covariance.ndim == 3:
-        values.append(np.diagonal(covariance, axis1=1, axis2=2))
     kept = np.isin(place, geometry.coordinate) | (np.diff(part, prepend=-2.0) > 0)
     for value in np.hstack(values).T:
         order = np.lexsort((value, part))
         kept[order[np.diff(part[order], append=np.inf) > 0]] = True
     return place[kept]
+
+
+def _scattering(covariance: FloatArray) -> FloatArray:
+    """Return how much (n − 1,) a covariance (n, 6, 6) changes in each step: above 1 too much."""
+    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    std = np.maximum(std[1:], std[:-1])
+    scale, change = std[:, :, np.newaxis] * std[:, np.newaxis], abs(np.diff(covariance, axis=0))
+    relative = np.divide(change, scale, out=np.zeros_like(change), where=scale > 0)
+    return np.asarray(relative.max(axis=(1, 2)) / LARGEST_MOVE)
 
 
 def _nominal(scenario: Scenario) -> Scenario:

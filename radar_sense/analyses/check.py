@@ -14,7 +14,7 @@ from radar_sense.limits import DEG
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar_constant import Tolerance, relative_std, shape
-from radar_sense.plausibility import height_and_bank
+from radar_sense.plausibility import banks
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, FloatArray
 from radar_sense.words import decibels, describe_poses
@@ -45,7 +45,7 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
     """
     lines, geometry = _constants(scenario), scenario.geometry
     scenario = scenario.along(geometry.whole)
-    height, bank = height_and_bank(scenario)
+    height = Horizon(scenario.origin).height(scenario.aircraft)
     if isinstance(geometry, Path) and len(geometry.axis) > 1:
         route = geometry.route
         speed = np.diff(route.distance_m) / np.diff(route.time_s)
@@ -53,7 +53,7 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         clock = timedelta(seconds=round(duration))
         lines.append(f"path: {duration:.6g} s ({clock}), {length:.4g} km, speed {_span(speed)} m/s")
     above = "the ellipsoid" if scenario.origin is not None else "the origin"
-    lines.append(f"height {_span(height)} m above {above}, bank {_span(bank / DEG)} deg")
+    lines.append(f"height {_span(height)} m above {above}, bank {_span(banks(scenario) / DEG)} deg")
     states = scenario.radar_states
     names = scenario.model.names or ("radar",)
     for name, radar, state in zip(names, scenario.model.radars, states, strict=True):

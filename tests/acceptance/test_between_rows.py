@@ -226,7 +226,7 @@ KNOWN_POSE = {"position_m": 5, "attitude_deg": 1}
 
 
 def test_an_error_towards_the_radar_in_one_of_many_rows(tmp_path):
-    """The variances are those of the other rows: the correlation alone turns the error."""
+    """All rows have the same variances. In one row the correlation has another sign."""
     head = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg,"
     axes = ["north_m", "east_m", "down_m", "roll_deg", "pitch_deg", "yaw_deg"]
     named = [tuple(name.rsplit("_", 1)) for name in axes]
