@@ -97,7 +97,7 @@ def required_accuracies(
         "all" scales all sources together.
     """
     every = sources_of(scenario)
-    p_d = scenario.model.p_d(scenario.aircraft, scenario.radar)
+    p_d = scenario.p_d()
     if k is not None and np.any(p_d > limit):
         pose = int(np.argmax(reached(p_d)))
         place = float(scenario.axis.values[pose])

@@ -193,7 +193,7 @@ def _floor(scenario: Scenario) -> Iterator[str]:
         limits = "max_range_km, min_range_km, horizon and mask"
         yield warning("never-seen", f"no radar sees the aircraft at a nominal pose: see {limits}")
         return
-    p_d = scenario.model.p_d(scenario.aircraft, scenario.radar)
+    p_d = scenario.p_d()
     floor = ndtr(scenario.model.floor(visible))
     if np.all(p_d <= (1.0 + ABOVE_FLOOR) * floor):
         yield warning(

@@ -275,6 +275,11 @@ class Scenario:
         levels = [radar.levels[self.level] for radar in self.radars]
         return tuple(p for p in PARAMETERS if any(getattr(at, f"{p}_std") for at in levels))
 
+    def p_d(self) -> FloatArray:
+        """Return P_D of the nominal states (n,)."""
+        p_d: FloatArray = self.model.p_d(self.aircraft, self.radar)
+        return p_d
+
     def states(self) -> UncertainStates:
         """Return the uncertain states of all poses, at the level."""
         return self._states

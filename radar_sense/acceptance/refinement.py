@@ -112,7 +112,8 @@ def refined(
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
     tolerance of straight lines, which grows with the distance below the limit. Second differences
     estimate the distance from the lines. Two standard errors of a bound are no bend. Where
-    `MAX_POSES` would be added, no more are computed, and P_D is not resolved.
+    `MAX_POSES` would be added, P_D is not resolved, and of the places only that of the greatest P_D
+    is added.
     """
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
     order, most = -1 if given[0] > given[-1] else 1, len(given) + MAX_POSES
@@ -122,7 +123,10 @@ def refined(
         return _bend(place, values) > np.fmax(tolerance, DISTANT * below) + noise
 
     place, new = given, np.setdiff1d(places(scenario), given)[::order]
-    while len(place) + len(new) < most:
+    resolved = len(place) + len(new) < most
+    if not resolved:
+        new = new[[along(_nominal(scenario), new).p_d().argmax()]]
+    while True:
         if new.size:
             place = np.concatenate([place, new])
             ranked = np.argsort(order * place)
@@ -131,13 +135,14 @@ def refined(
         noise = 2.0 * np.maximum(band.error[1:], band.error[:-1])
         bends = bent(band.p_d) | bent(band.upper, noise)
         new = _middles(place)[bends & (abs(np.diff(place)) > shortest)]
-        if not new.size:
+        resolved &= len(place) + len(new) < most
+        if not (resolved and new.size):
             break
     return Refined(
         along(scenario, place) if len(place) > len(given) else scenario,
         band,
         np.flatnonzero(np.isin(place, given)),
-        len(place) + len(new) < most,
+        resolved,
         tolerance,
     )
 
@@ -215,8 +220,8 @@ def _rows(scenario: Scenario) -> FloatArray:
     place = whole.geometry.coordinate
     if len(place) == len(geometry.axis):
         return np.sort(place)
-    p_d = whole.model.p_d(whole.aircraft, whole.radar)
-    changes, values = coarseness(whole), [_nearness(whole), _margins(whole), p_d[:, np.newaxis]]
+    p_d = whole.p_d()[:, np.newaxis]
+    changes, values = coarseness(whole), [_nearness(whole), _margins(whole), p_d]
     if whole.cov_aircraft.ndim == 3:
         changes = np.maximum(changes, _scattering(whole.cov_aircraft))
         values.append(np.diagonal(whole.cov_aircraft, axis1=1, axis2=2))

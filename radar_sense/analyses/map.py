@@ -163,11 +163,7 @@ def coverage_map(
     cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
     area_km2 = cell_km2 * shown.size
     areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(~(shown < level))) for level in contours}
-    route: FloatArray = (
-        upper_bound(scenario, method, k)
-        if upper
-        else scenario.model.p_d(scenario.aircraft, scenario.radar)
-    )
+    route = upper_bound(scenario, method, k) if upper else scenario.p_d()
     result.summary |= {
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
         "east_km": [float(cells.east[0]) / 1e3, float(cells.east[-1]) / 1e3],

@@ -69,6 +69,8 @@ def add_required_accuracy(
     chosen = scenario if at is None else only_at(scenario, at)
     propagate = partial(band_of_scenario, method=method, beta=sigmas or 3.0)
     poses = refinement.resolve(chosen, propagate, limit)
+    if not poses.resolved:
+        raise InputError(refinement.unresolved())
     axis = poses.scenario.axis
     required = required_accuracies(poses.scenario, limit, k=sigmas, method=method)
 
@@ -78,8 +80,6 @@ def add_required_accuracy(
     result.report += [
         f"for {goal} {place}{between}, sigma of one source (others unchanged) or of all must be:"
     ]
-    if not poses.resolved:
-        result.report += [f"  {refinement.unresolved()}"]
     whole_of = {name: source.part_of for name, source in sources_of(scenario).items()}
     place_of = [*required].index
     names = sorted(required, key=lambda name: place_of(whole_of.get(name) or name))
@@ -96,7 +96,6 @@ def add_required_accuracy(
         **({"three_sigma": limit} if sigmas is None else {"p_max": limit, "k": sigmas}),
         "poses": len(axis),
         "poses_between_rows": poses.added,
-        "resolved": poses.resolved,
         f"at_{axis.unit}": at,
         "required_accuracy": _by_source(required, axis),
     }

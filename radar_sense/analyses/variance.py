@@ -92,7 +92,7 @@ def variance(
     if threshold is not None:
         tested = require_threshold(result, threshold, k, band, probability)
         singles = single_radar_scenarios(tested.path.scenario).items()
-        each = {name: one.model.p_d(one.aircraft, one.radar) for name, one in singles}
+        each = {name: one.p_d() for name, one in singles}
     else:
         result.report += _trust(result, band)
     _add_places(result.table, scenario)

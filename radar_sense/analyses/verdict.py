@@ -142,6 +142,8 @@ def _summary(tested: PathTest, column: str, k: float) -> dict[str, Any]:
         },
         "runs": runs.runs,
     }
+    if not tested.path.resolved:  # P_D is above elsewhere, too
+        return summary | dict.fromkeys((f"above_{unit}", "share_above"))
     if runs.anywhere is not None:
         summary["probability_above_at_any_pose"] = {
             "value": runs.anywhere / runs.runs,
@@ -168,7 +170,7 @@ def _report(tested: PathTest, method: str, k: float, probability: float | None) 
     known = np.isfinite(test.margin[tested.worst])
     if known:
         lines += [f"at the worst pose, {axis.at(tested.worst)}: {worst_band(tested, k)}"]
-    if known and test.total > 0 and np.isfinite(test.first_above):
+    if known and test.total > 0 and np.isfinite(test.first_above) and tested.path.resolved:
         first = float(np.interp(test.first_above, np.arange(len(axis)), axis.values))
         first = round(first, DIGITS - math.ceil(math.log10(test.total)))
         lines += [
@@ -220,6 +222,8 @@ def _why(tested: PathTest, goal: str) -> str:
     place = words.describe_poses(p_d > test.p_max, axis)
     if place:
         return f"P_D itself is above {test.p_max:g} {place}: no better knowledge helps there"
+    if not tested.path.resolved:
+        return f"P_D itself stays below {test.p_max:g} at the poses tested"
     return (
         f"P_D itself stays below: {np.nanmax(p_d):.4f} at most. What to know better, to hold: the "
         f"command budget with --threshold {test.p_max:g} {goal}"
@@ -235,12 +239,13 @@ def _probability_lines(tested: PathTest) -> list[str]:
         return [f"{limit}: in none of {runs.runs:,} runs"]
     line = (
         f"{limit}: {words.probability(count / runs.runs)} +/- {runs.error(count):.1g} at "
-        f"{axis.at(highest)}, where it is highest"
+        f"{axis.at(highest)}"
     )
-    if len(axis) == 1:
+    if len(axis) == 1 or not tested.path.resolved:
         return [line]
+    line += ", where it is highest"
     if runs.anywhere is None:
-        return [line, "P anywhere with correlated errors needs times: use a path"]
+        return [line, "P anywhere needs a path with times and uncertainty.aircraft_correlation_s"]
     line += (
         f"; {words.probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} "
         f"anywhere ({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
@@ -250,6 +255,8 @@ def _probability_lines(tested: PathTest) -> list[str]:
 
 def _correlation(scenario: Scenario) -> str:
     """Describe the correlation of the aircraft errors from pose to pose."""
+    if not scenario.cov_aircraft.any():
+        return "no errors of the aircraft"
     if not scenario.correlation_s or scenario.time_s is None:
         return f"errors of the aircraft independent at {len(scenario.axis)} poses"
     return f"errors of the aircraft correlated over {scenario.correlation_s:g} s"

@@ -21,8 +21,8 @@ from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
 from radar_sense.streams import Stream, random_stream
 
-#: Largest number of draws of P_D: poses times runs times radars, some ten seconds.
-MAX_DRAWS = 1e8
+#: Largest number of draws of P_D: poses times runs times radars, some minutes.
+MAX_DRAWS = 1e9
 #: Least and largest number of runs.
 LEAST_RUNS, MAX_RUNS = 4096, 2**18
 #: Values of P_D in memory at a time.
@@ -36,7 +36,7 @@ class Exceedance:
     Attributes:
         counts: Number of runs that exceed the limit at each pose (n,).
         anywhere: Number of runs that exceed the limit at any pose; None where the number would
-            depend on the step of the poses.
+            depend on the step of the poses, because the errors at two poses are independent.
         time: Mean time above the limit [s]; None for poses without times.
         time_error: Standard error of `time` [s].
         runs: Number of runs.
@@ -83,8 +83,8 @@ def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
             total, squares = total + float(time.sum()), squares + float(np.sum(time * time))
         done += len(p_d)
         report("runs along the path", done, runs)
-    # On an orbit without times, correlated errors would depend on the step in azimuth.
-    has_anywhere = scenario.time_s is not None or not scenario.correlation_s
+    correlated = scenario.time_s is not None and scenario.correlation_s > 0
+    has_anywhere = correlated or not (scenario.geometry.continuous and scenario.cov_aircraft.any())
     mean = None if share is None else total / runs
     error = None if mean is None else math.sqrt(max(squares / runs - mean**2, 0.0) / runs)
     return Exceedance(counts, hits if has_anywhere else None, mean, error, runs)

@@ -13,6 +13,7 @@ from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense import analyses
+from radar_sense.acceptance import refinement
 
 BOLTZMANN = 1.380649e-23
 LIMIT = 0.1
@@ -167,6 +168,26 @@ def test_a_bank_in_the_file_between_two_poses_of_a_coarse_step(tmp_path):
         own = found["highest_probability_above"]
         error = 4 * np.hypot(own["standard_error"], highest["standard_error"])
         assert own["value"] == pytest.approx(highest["value"], abs=error)
+
+
+@pytest.mark.parametrize("limit", [LIMIT, 0.9])
+def test_what_is_not_resolved_is_not_said(tmp_path, monkeypatch, limit):
+    monkeypatch.setattr(refinement, "MAX_POSES", 3)
+    scenario = banked(tmp_path, 2400)
+    result = analyses.variance(scenario, threshold=limit)
+    text, found = "\n".join(result.report), result.summary["threshold"]
+    highest = banked(tmp_path, 1).p_d().max()
+    assert 0.15 < highest < 0.5
+    assert found["verdict"] == ("violated" if limit < highest else "not known")
+    assert found["worst_margin"]["value"] <= limit - highest
+    assert text.count("not resolved by 3 poses") == 1
+    assert "stays below:" not in text
+    assert "anywhere" not in text
+    assert found["above_s"] is None
+    assert not {"probability_above_at_any_pose", "mean_time_above_s"} & set(found)
+    if limit > highest:
+        with pytest.raises(rs.InputError, match="not resolved by 3 poses"):
+            analyses.budget(scenario, threshold=limit)
 
 
 def test_rows_in_which_nothing_happens_are_no_poses(tmp_path):

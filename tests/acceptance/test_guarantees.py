@@ -103,18 +103,21 @@ def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(tmp_
         np.testing.assert_array_equal(result.table["probability_above"], rows)
 
 
-@pytest.mark.parametrize("correlation_s", [0, 60])
-def test_anywhere_on_an_orbit_is_given_without_correlation_only(correlation_s):
+@pytest.mark.parametrize(("correlation_s", "known"), [(0, False), (60, False), (60, True)])
+def test_anywhere_on_an_orbit_is_given_without_errors_of_the_aircraft_only(correlation_s, known):
     """The number would depend on the azimuth step, because an orbit has no times."""
+    certain = {"position_m": 0, "attitude_deg": 0}
     s = scenario(
         geometry__azimuth_deg={"start": 40, "stop": 46, "step": 2},
         uncertainty__aircraft_correlation_s=correlation_s,
+        **({"uncertainty__aircraft": certain} if known else {}),
     )
     result = analyses.variance(s, threshold=0.6)
     given = "probability_above_at_any_pose" in result.summary["threshold"]
-    assert given == (correlation_s == 0)
+    assert given == known
     assert "mean_time_above_s" not in result.summary["threshold"]
-    assert any("needs times" in line for line in result.report) == (not given)
+    assert any("a path with times" in line for line in result.report) == (not given)
+    assert any("no errors of the aircraft)" in line for line in result.report) == given
 
 
 def past_a_limit(folder, beyond, at):
