@@ -119,21 +119,21 @@ class Budget:
 
     @property
     def dominates(self) -> dict[str, NDArray[np.bool_]]:
-        """Where (n,) each source is the largest, and all have a value."""
+        """Where (n,) each source alone is the largest, and all have a value."""
         std = np.array([c.std for c in self.sources.values()])
-        known = np.isfinite(std).all(axis=0) & (self.total.std > 0)
-        largest = np.argmax(std, axis=0)
-        return {name: (largest == i) & known for i, name in enumerate(self.sources)}
+        largest = std >= (1.0 - TIE) * std.max(axis=0)
+        alone = (largest.sum(axis=0) == 1) & (self.total.std > 0)  # NaN is not the largest
+        return {name: mask & alone for name, mask in zip(self.sources, largest, strict=True)}
 
     @cached_property
     def dominant(self) -> Contribution | None:
-        """The largest source at the pose; None if one without a value may be larger."""
-        variance = {c.name: c.std[self.pose] ** 2 for c in self.sources.values()}
-        known = {name: value for name, value in variance.items() if np.isfinite(value)}
-        top = max(known, key=known.__getitem__, default="")
-        unknown = self.total.std[self.pose] ** 2 - sum(known.values())
-        is_largest = known and (len(known) == len(variance) or known[top] > unknown)
-        return self.sources[top] if is_largest else None
+        """The largest source at the pose; None of equals, or if one without a value may be it."""
+        std = np.array([c.std[self.pose] for c in self.sources.values()])
+        unknown = self.total.std[self.pose] ** 2 - np.nansum(std**2)
+        top = np.nanmax(std, initial=0.0)
+        largest = np.flatnonzero(std >= (1.0 - TIE) * top)
+        is_largest = len(largest) == 1 and (np.isfinite(std).all() or top**2 > unknown)
+        return [*self.sources.values()][largest[0]] if is_largest else None
 
     def interaction_is_noise(self, method: str) -> bool:
         """Return whether the interaction at the pose may be one of draws or rounding."""

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 import yaml
-from helpers import OVERHEAD, SOURCES, scenario, shares_of, stds_of, yaml_text
+from helpers import OVERHEAD, SOURCES, document, dump_yaml, scenario, shares_of, stds_of, yaml_text
 from scipy.constants import Boltzmann
 from scipy.special import erfc
 from scipy.stats import norm
@@ -403,9 +403,28 @@ def test_a_source_without_a_value_is_not_dominant():
             assert (line in found.report) == mask.any()
         any_unknown = unknown["aircraft_orientation"] | unknown["total"]
         others = np.maximum(size["radar_constant"], size["aircraft_position"])
-        own = (size["aircraft_orientation"] > others) & (size["total"] > 0)
+        own = (0.999 * size["aircraft_orientation"] > others) & (size["total"] > 0)
         expected = describe_poses(own & ~any_unknown, s.axis)
         assert found.summary["dominates"].get("aircraft_orientation", "") == expected
+
+
+def test_of_equals_none_dominates():
+    """Two radars at one place have one effect; a third, with a constant known worse, has more."""
+    content = document()
+    one = {"p_fa": 1e-6, "position_m": [0, 0, 0], "constant": 160}
+    known, worse = ({"medium": {"position_m": 0, "constant": of}} for of in (2, 4))
+    certain = {"position_m": 0, "attitude_deg": 0}
+    del content["radar"], content["uncertainty"]["radar"]
+    for third, expected in ((known, None), (worse, "r2")):
+        content["radars"] = [
+            {**one, "name": f"r{i}", "uncertainty": levels}
+            for i, levels in enumerate((known, known, third))
+        ]
+        content["uncertainty"]["aircraft"] = certain
+        content["analysis"]["level"] = "medium"
+        found = analyses.budget(rs.parse_scenario(dump_yaml(content)))
+        assert found.summary["dominant"] == expected
+        assert found.summary["dominates"] == ({expected: "at all 361 poses"} if expected else {})
 
 
 def test_a_figure_of_many_lines_names_those_that_it_leaves_out():
