@@ -21,6 +21,7 @@ from radar_sense.axis import Axis
 from radar_sense.covariance import symmetric_square_root
 from radar_sense.errors import InputError
 from radar_sense.model.geometry import orbit
+from radar_sense.model.horizon import Horizon
 from radar_sense.model.track import covariance_in_frame, square_root_in_frame
 from radar_sense.model.trajectory import Route, interpolate
 from radar_sense.states import ATTITUDE, FloatArray, ReadOnly, real_array
@@ -60,6 +61,11 @@ class Geometry(ReadOnly):
     def origin(self) -> tuple[float, float, float] | None:
         """The origin of the frame on the earth, see `Path`; None if the frame is flat."""
         return None
+
+    @property
+    def horizon(self) -> Horizon:
+        """The earth that hides the aircraft from radars with a horizon."""
+        return Horizon(self.origin)
 
     @property
     def square_root(self) -> FloatArray:
@@ -190,12 +196,14 @@ class Path(Geometry):
             frame, for a path in latitude and longitude.
         flight: The route that the poses were interpolated on; None for the poses themselves.
         method: How the flight is interpolated, one of `trajectory.METHODS`.
+        sea_level: Height of the sea level above the ellipsoid [m], for the horizon.
     """
 
     time_s: FloatArray = field(repr=False, kw_only=True)
     origin: tuple[float, float, float] | None = None
     flight: Route | None = field(default=None, repr=False)
     method: str = "legs"
+    sea_level: float = 0.0
     shortest = 0.2
 
     @property
@@ -207,6 +215,11 @@ class Path(Geometry):
     def coordinate(self) -> FloatArray:
         """Time of each pose (n,) [s]."""
         return self.time_s
+
+    @property
+    def horizon(self) -> Horizon:
+        """As of `Geometry`, with its surface at the sea level."""
+        return Horizon(self.origin, self.sea_level)
 
     @property
     def square_root(self) -> FloatArray:

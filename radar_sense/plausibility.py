@@ -140,6 +140,8 @@ def _ground(scenario: Scenario) -> Iterator[str]:
     below = [name for name, value in height.items() if value < 0]
     if below:
         ground = "ellipsoid" if scenario.origin is not None else "origin"
+        if scenario.geometry.horizon.surface:
+            ground = "sea level"
         yield warning(
             "below-ground",
             f"{listed(below)} {'is' if len(below) == 1 else 'are'} up to "

@@ -60,7 +60,7 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         distance = slant_range(scenario.aircraft, state)
         snr_db = decibels(radar.model.snr(scenario.aircraft, state))
         lines.append(f"{name}: range {_span(distance / 1e3)} km, SNR {_span(snr_db)} dB")
-        horizon = Horizon(scenario.origin).range(scenario.aircraft, state)
+        horizon = geometry.horizon.range(scenario.aircraft, state)
         # a height of 0 is a plane, not the ground
         beyond = (distance > horizon) & (distance <= radar.max_range) & (horizon > 0)
         if radar.horizon is None and beyond.any():

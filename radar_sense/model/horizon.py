@@ -45,13 +45,15 @@ class Horizon:
     Attributes:
         origin: Latitude, longitude [rad] and height above the WGS-84 ellipsoid [m] of the origin of
             the north-east-down frame. Heights are then heights above the ellipsoid at any distance
-            from the origin. The ellipsoid differs from the sea by up to 107 m: a radar 10 m above
-            the surface has its horizon at 13 km, a radar 110 m above the surface at 43 km. Without
-            an origin the height above the surface is minus `down` everywhere, so that an aircraft
-            in level flight keeps its `down`.
+            from the origin. Without an origin the height is minus `down` everywhere, so that an
+            aircraft in level flight keeps its `down`.
+        surface: Height of the surface [m], in heights of the frame. The ellipsoid differs from the
+            sea by up to 107 m: a radar 10 m above the surface has its horizon at 13 km, a radar
+            110 m above the surface at 43 km.
     """
 
     origin: tuple[float, float, float] | None = None
+    surface: float = 0.0
 
     def __post_init__(self) -> None:
         if self.origin is not None and not is_place(self.origin):
@@ -62,8 +64,8 @@ class Horizon:
     def height(self, states: FloatArray) -> FloatArray:
         """Return the height above the surface (...) [m] of states (..., 3 or more)."""
         if self.origin is not None:
-            return height_from_ned(states, self.origin)
-        height: FloatArray = -states[..., 2]
+            return height_from_ned(states, self.origin) - self.surface
+        height: FloatArray = -states[..., 2] - self.surface
         return height
 
     def range(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:

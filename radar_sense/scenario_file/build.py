@@ -121,6 +121,7 @@ def _path(stated: sections.Path) -> Path:
         CERTAIN if route.covariance is None else route.covariance,
         time_s=route.time_s,
         origin=route.origin,
+        sea_level=stated.geoid_height_m or 0.0,
         **of_flight,
     )
 

@@ -21,7 +21,6 @@ from radar_sense.model.antenna import ElevationGain, Mask
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Detector, PulseDetector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
-from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar import Level, Radar
 from radar_sense.model.radar_constant import (
     MAX_DIVISOR_STD,
@@ -111,7 +110,7 @@ def _radar(
         },
         max_range=math.inf if stated.max_range_km is None else stated.max_range_km * KM,
         min_range=_min_range(stated, sheet),
-        horizon=Horizon(geometry.origin) if stated.horizon else None,
+        horizon=geometry.horizon if stated.horizon else None,
         scan_period=None if period is None else float(period),
         sheet=sheet,
         band=band,

@@ -135,7 +135,7 @@ def load_route(
         altitude_above: What the altitudes are above: "ellipsoid", "sea" or "pressure". If None, the
             sea in GPX, and the ellipsoid in other files.
         geoid_height_m: Height of the sea level above the ellipsoid [m], required by altitudes
-            above the sea and by pressure altitudes.
+            above the sea and by pressure altitudes. Altitudes above the ellipsoid do not need it.
         speed_m_s: Speed along the legs [m/s], for waypoints without times.
         icao24: Address of the aircraft, in state vectors of several.
 
@@ -287,15 +287,15 @@ def _covariance(file: TableFile, rows: FloatArray, lines: NDArray[np.int64]) -> 
 def _above_ellipsoid(track: Track, stated: sections.Path) -> float:
     """Return the height of the zero of the altitudes above the ellipsoid [m]."""
     above = stated.altitude_above or track.altitudes[0]  # the convention of the format
-    height = stated.geoid_height_m
+    height = stated.geoid_height_m  # also of the horizon
     if above not in track.altitudes:
         allowed = " or ".join(track.altitudes)
         raise track.error(f"altitude_above: must be {allowed} for this file, got {above}")
     if above == "ellipsoid":
-        if height is not None:
+        if height is not None and stated.altitude_above is None:
             raise track.error(
-                "geoid_height_m is not used with altitudes above the ellipsoid; "
-                "altitude_above: sea states altitudes above the sea"
+                "geoid_height_m needs altitude_above: sea for altitudes above the sea, or "
+                "ellipsoid for a sea level of the horizon alone"
             )
         return 0.0
     if height is None:

@@ -444,7 +444,8 @@ class Path(Section):
         default=None,
     )
     geoid_height_m: float | None = key(
-        "Height of the sea level above the WGS-84 ellipsoid on the route.",
+        "Height of the sea level above the WGS-84 ellipsoid on the route. It is the surface of the "
+        "horizon, too.",
         Limit(at_least=-110, at_most=90),  # by EGM2008 from -107 to 86
         default=None,
     )

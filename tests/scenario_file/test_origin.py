@@ -56,6 +56,25 @@ def level_to(yaw):
     return {"position_m": 10, "attitude_deg": [0.1, 0.1, yaw]}
 
 
+@pytest.mark.parametrize("above", ["ellipsoid", "sea"])
+@pytest.mark.parametrize("geoid", [-90.0, 60.0])
+def test_the_horizon_is_that_of_the_sea_level(tmp_path, above, geoid):
+    """A radar 15 m and an aircraft 80 m above the sea, 20 km within and beyond the horizon."""
+    farthest = math.sqrt(2 * 4 / 3 * 6.371e6) * (math.sqrt(15) + math.sqrt(80))
+    given = 80 + (0.0 if above == "sea" else geoid)
+    latitude = 40 + np.array([farthest - 20e3, farthest + 20e3]) / 111.1e3
+    rows = [(60 * i, x, 10, given) for i, x in enumerate(latitude)]
+    written(tmp_path, [(40, 10, 15 + geoid)], rows, (40, 10, 0), aircraft=AIRCRAFT)
+    keys = {"geometry.geoid_height_m": geoid, "geometry.altitude_above": above}
+    s = rs.load_scenario(tmp_path / "moved.yaml", keys)
+    assert (s.p_d() > 0).tolist() == [True, False]
+    assert not [text for text in plausibility_warnings(s) if "below-ground" in text]
+    assert rs.analyses.check(s).passed
+    off = rs.load_scenario(tmp_path / "moved.yaml")  # of the ellipsoid
+    if above == "ellipsoid":
+        assert (off.p_d() > 0).tolist() == ([False, False] if geoid < 0 else [True, True])
+
+
 def test_the_origin_changes_nothing(tmp_path):
     """Random places, headings and heights; origins up to two thousand kilometres away."""
     rng = np.random.default_rng(12)

@@ -141,7 +141,7 @@ DOCTYPE = '<!DOCTYPE a [<!ENTITY b "c">]>'
 NED = "time_s,north_m,east_m,down_m\n0,0,0,0\n1,9,0,0\n"
 REFUSED = {
     "sea without geoid": ("a.gpx", gpx(), {}, "a.gpx:1: altitudes above the sea need geoid_heigh"),
-    "unused geoid": ("a.csv", csv(), SEA, "a.csv:1: geoid_height_m is not used with altitudes"),
+    "unused geoid": ("a.csv", csv(), SEA, "a.csv:1: geoid_height_m needs altitude_above: sea"),
     "no altitudes": ("a.csv", NED, {**SEA, "origin": None}, "are not used with north, east"),
     "pressure in gpx": ("a.gpx", gpx(), {**SEA, "altitude_above": "pressure"},
                         "altitude_above: must be sea or ellipsoid for this file, got pressure"),
