@@ -54,8 +54,7 @@ WARNINGS: dict[str, str] = {
         "The aircraft is below the ellipsoid, or below the origin and every radar; or a radar is "
         "below the ground that its horizon has, and stands on it in the computation. Down is "
         "positive downwards, so a height of 3 km is -3; altitudes are positive upwards. Where the "
-        "sea is below the ellipsoid, state the altitudes of radars and route above the sea as if "
-        "it were the ellipsoid."
+        "sea is below the ellipsoid, geometry.geoid_height_m states how far."
     ),
     "cells-unknown": (
         "Cells without a number: the aircraft is at a radar there, or the method does not "
