@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radar_sense.analyses.map_export import geojson
 from radar_sense.analyses.verdict import K
@@ -30,21 +29,19 @@ from radar_sense.coverage.grid import (
     Plane,
     grid,
     p_d_in_cells,
-    places_at,
-    pose_in_cells,
-    states_in,
     upper_bound,
     worst_p_d_in_cells,
 )
 from radar_sense.errors import InputError
 from radar_sense.limits import FORMATS, MAP_KM, MAP_STEP_KM, PROBABILITY
+from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.plausibility import below_ground
 from radar_sense.propagation import AUTOMATIC, band_of_scenario, no_draws
 from radar_sense.propagation.automatic import ERRORS, LEAST_CHANGE, tolerance_of
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, DOWN, FloatArray, blocks
+from radar_sense.states import ATTITUDE, DOWN, POSITION, FloatArray, blocks
 from radar_sense.words import placed, probability, warning
 
 #: Levels of P_D with contour lines, and with areas in the report.
@@ -125,38 +122,37 @@ def coverage_map(
     if not len(p_d):
         raise InputError("p_d: give the P_D of one contour line or more")
     k, contours, result = k or 3.0, sorted(set(p_d)), Result(scenario, method)
-    bounding = method if upper else None
-    down = None if down_km is None else down_km * 1e3
-    course = None if course_deg is None else math.radians(course_deg)
-    area: dict[str, Any] = {"down": down, "workers": workers}
-    compute: Callable[..., tuple[Plane, Plane | None]] = (
-        partial(worst_p_d_in_cells, scenario, **area)
-        if worst_heading
-        else partial(p_d_in_cells, scenario, course=course, method=bounding, beta=k, **area)
-    )
-
-    def leaves(border: Grid) -> bool:
-        p_d, other = compute(border)
-        return bool(np.any((other if upper and other is not None else p_d) >= contours[0]))
-
-    cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km, leaves=leaves)
-    pose = pose_in_cells(scenario, down, course)
     add, column = result.table.add, f"upper_{k:.12g}sigma" if upper else "p_d"
+
+    def planes(cells: Grid) -> dict[str, Plane]:
+        if worst_heading:
+            largest, heading = worst_p_d_in_cells(cells, workers=workers)
+            return {"p_d": largest, "worst_heading_deg": heading}
+        bounding = method if upper else None
+        found = p_d_in_cells(cells, method=bounding, beta=k, workers=workers)
+        return dict(zip(("p_d", column), found, strict=False))
+
+    cells = grid(
+        scenario,
+        down=None if down_km is None else down_km * 1e3,
+        course=None if course_deg is None else math.radians(course_deg),
+        north_km=north_km,
+        east_km=east_km,
+        step_km=step_km,
+        leaves=lambda border: bool(np.any(planes(border)[column] >= contours[0])),
+    )
+    found = planes(cells)
+    shown = found[column]
     add("north_m", cells.north, "North of the rows of cells, from the origin.", "m")
     add("east_m", cells.east, "East of the columns of cells, from the origin.", "m")
-    shown, other = compute(cells)
-    add("p_d", shown, "P_D in each cell (rows, columns).")
-    if other is not None and worst_heading:
+    add("p_d", found["p_d"], "P_D in each cell (rows, columns).")
+    if worst_heading:
         meaning = "With --worst-heading: the heading of the largest P_D."
-        add("worst_heading_deg", other, meaning, "°")
-    elif other is not None:
-        meaning = f"With --upper: upper {k:g}-sigma bound of P_D in each cell."
-        add(column, other, meaning)
-        shown = other
+        add("worst_heading_deg", found["worst_heading_deg"], meaning, "°")
+    if upper:
+        add(column, shown, f"With --upper: upper {k:g}-sigma bound of P_D in each cell.")
     if scenario.origin is not None:
-        for name, degrees in zip(
-            ("latitude", "longitude"), _places(cells, pose, scenario.origin), strict=True
-        ):
+        for name, degrees in _places(cells, scenario.origin).items():
             meaning = f"With an origin: WGS-84 {name} of each cell (rows, columns)."
             add(f"{name}_deg", degrees, meaning, "°")
 
@@ -168,8 +164,8 @@ def coverage_map(
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
         "east_km": [float(cells.east[0]) / 1e3, float(cells.east[-1]) / 1e3],
         "cells": list(cells.shape),
-        "down_km": float(pose[DOWN]) / 1e3,
-        "attitude_deg": np.rad2deg(pose[ATTITUDE]).tolist(),
+        "down_km": float(cells.pose[DOWN]) / 1e3,
+        "attitude_deg": np.rad2deg(cells.pose[ATTITUDE]).tolist(),
         "worst_heading": worst_heading,
         "shown": column,
         **({"k": k} if upper else {}),
@@ -189,32 +185,27 @@ def coverage_map(
     ends = " to ".join(map(probability, result.summary["route"]))
     result.report += [f"along the route, at the attitude of each pose, {ends}"]
     result.warnings += below_ground(scenario, down_km)
-    result.warnings += _warnings(scenario, cells, pose, shown, method)
+    result.warnings += _warnings(cells, shown, method)
     unknown = "at the route, the bound has no value" if upper else "at the route, P_D has no value"
     result.warnings += placed("no-value", np.isnan(route), scenario.axis, unknown)
     if upper:
-        result.warnings += _unreliable(scenario, cells, pose, method, k)
-    result.exports = {"geojson": partial(geojson, route=route)}
+        result.warnings += _unreliable(cells, method, k)
+    result.exports = {"geojson": partial(geojson, cells=cells, route=route)}
     result.draw = partial(_draw, result=result, route=route)
     return result
 
 
-def _places(
-    cells: Grid, pose: FloatArray, origin: tuple[float, float, float]
-) -> tuple[FloatArray, FloatArray]:
+def _places(cells: Grid, origin: tuple[float, float, float]) -> dict[str, FloatArray]:
     """Return latitude and longitude (rows, columns) [deg] of the cells."""
     places = np.empty((*cells.shape, 2))
-    for rows, columns in blocks(cells.shape):
-        north = cells.north[rows][:, np.newaxis]
-        places[rows, columns] = places_at(north, cells.east[columns], pose, origin)[..., :2]
-    latitude, longitude = np.rad2deg(np.moveaxis(places, -1, 0))
-    return latitude, longitude
+    for block in blocks(cells.shape):
+        positions = cells.states(*block)[..., POSITION]
+        places[block] = np.rad2deg(geodetic_from_ned(positions, origin)[..., :2])
+    return {"latitude": places[..., 0], "longitude": places[..., 1]}
 
 
-def _warnings(
-    scenario: Scenario, cells: Grid, pose: FloatArray, shown: NDArray[np.float32], method: str
-) -> Iterator[str]:
-    of_all = f"of {shown.size:,} cells"
+def _warnings(cells: Grid, shown: Plane, method: str) -> Iterator[str]:
+    scenario, of_all = cells.scenario, f"of {shown.size:,} cells"
     unknown = int(np.count_nonzero(np.isnan(shown)))
     # straight above a radar, the aspect has no gradient: one cell a radar says nothing
     if unknown > len(scenario.model.models):
@@ -229,7 +220,7 @@ def _warnings(
     ]
     outside = 0
     for block in blocks(cells.shape) if tables else ():
-        aircraft = states_in(cells, block, pose, scenario.origin)
+        aircraft = cells.states(*block)
         uncovered = [table.uncovered(body_vector(aircraft, radar)) for table, radar in tables]
         outside += int(np.count_nonzero(np.any(uncovered, axis=0)))
     if outside:
@@ -240,13 +231,10 @@ def _warnings(
         )
 
 
-def _unreliable(
-    scenario: Scenario, cells: Grid, pose: FloatArray, method: str, k: float
-) -> Iterator[str]:
+def _unreliable(cells: Grid, method: str, k: float) -> Iterator[str]:
     """Yield a warning if draws say that the bound is off in some of the sampled cells."""
-    sample = Grid(*(axis[:: -(-len(axis) // SAMPLED)] for axis in (cells.north, cells.east)))
-    everything = slice(None), slice(None)
-    checked = scenario.at_states(states_in(sample, everything, pose, scenario.origin))
+    sampled = (slice(None, None, -(-count // SAMPLED)) for count in cells.shape)
+    checked = cells.scenario.at_states(cells.states(*sampled))
     # the bound alone is shown: it may have a value where the moments have none
     shown = upper_bound(checked, method, k)
     true = band_of_scenario(checked, method=AUTOMATIC, beta=k)

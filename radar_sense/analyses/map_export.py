@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from radar_sense.command import Result
-from radar_sense.coverage.grid import places_at, pose_in_cells
+from radar_sense.coverage.grid import Grid
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy
@@ -26,7 +26,7 @@ Position = list[float]
 Feature = dict[str, Any]
 
 
-def geojson(result: Result, route: FloatArray) -> bytes:
+def geojson(result: Result, cells: Grid, route: FloatArray) -> bytes:
     """Return a map as GeoJSON, with P_D or its bound (n,) at the poses; NaN where there is none.
 
     Raises:
@@ -38,20 +38,24 @@ def geojson(result: Result, route: FloatArray) -> bytes:
             "geojson needs the origin of the north-east-down frame, geometry.origin in a scenario "
             "with a route in latitude and longitude"
         )
-    features = [*_contours(result, origin), *_radars(result, origin), *_legs(result, route, origin)]
+    features = [
+        *_contours(result, cells, origin),
+        *_radars(result, origin),
+        *_legs(result, route, origin),
+    ]
     collection = {"type": "FeatureCollection", "features": features}
     return (json.dumps(collection, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def _contours(result: Result, origin: tuple[float, float, float]) -> Iterator[Feature]:
+def _contours(result: Result, cells: Grid, origin: tuple[float, float, float]) -> Iterator[Feature]:
     from radar_sense import plotting
 
-    table, scenario = result.table, result.scenario
-    pose = pose_in_cells(scenario, result.summary["down_km"] * 1e3, None)
     for column in dict.fromkeys(["p_d", result.summary["shown"]]):
         for level in result.summary["contours"]:
-            lines = plotting.contour_lines(table["east_m"], table["north_m"], table[column], level)
-            places = [places_at(line[:, 1], line[:, 0], pose, origin) for line in lines]
+            values = result.table[column]
+            lines = plotting.contour_lines(cells.east, cells.north, values, level)
+            states = [cells.states_at(north, east) for east, north in (line.T for line in lines)]
+            places = [geodesy.geodetic_from_ned(at[:, POSITION], origin) for at in states]
             parts = [part for place in places for part in _cut(place)]
             if parts:
                 yield _feature(
@@ -59,7 +63,7 @@ def _contours(result: Result, origin: tuple[float, float, float]) -> Iterator[Fe
                     f"{_name(result, column)} = {level:g}",
                     ("MultiLineString", parts),
                     plotting.hex_colour(level, _COLOURS),
-                    {"quantity": column, "value": level, "level": scenario.level},
+                    {"quantity": column, "value": level, "level": result.scenario.level},
                 )
 
 

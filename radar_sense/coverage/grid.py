@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -54,13 +55,17 @@ _HEIGHT_ERROR = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A rectangle of cells.
+    """A rectangle of cells, with the aircraft in each of them.
 
     Attributes:
+        scenario: The scenario, whose first pose gives the covariance of the aircraft.
+        pose: Aircraft state (6,) in every cell, see `pose_in_cells`.
         north: North coordinates of the cells' centres (rows,) [m], increasing.
         east: East coordinates (columns,) [m], increasing.
     """
 
+    scenario: Scenario
+    pose: FloatArray
     north: FloatArray
     east: FloatArray
 
@@ -69,10 +74,23 @@ class Grid:
         """Rows and columns."""
         return len(self.north), len(self.east)
 
+    def states(self, rows: slice = slice(None), columns: slice = slice(None)) -> FloatArray:
+        """Return the aircraft states (rows, columns, 6) in a block of the cells."""
+        return self.states_at(self.north[rows, np.newaxis], self.east[columns])
+
+    def states_at(self, north: FloatArray, east: FloatArray) -> FloatArray:
+        """Return the aircraft states (..., 6) at any north and east (...) [m]."""
+        aircraft = join(np.broadcast_arrays(north, east, *self.pose[2:]))
+        if self.scenario.origin is not None:
+            put_at_height(aircraft, self.scenario.origin)
+        return aircraft
+
 
 def grid(
     scenario: Scenario,
     *,
+    down: float | None = None,
+    course: float | None = None,
     north_km: tuple[float, float] | None = None,
     east_km: tuple[float, float] | None = None,
     step_km: float | None = None,
@@ -82,6 +100,8 @@ def grid(
 
     Args:
         scenario: The scenario.
+        down: Down of the aircraft [m], see `pose_in_cells`.
+        course: Yaw of the aircraft [rad], likewise.
         north_km: South and north end [km]. None takes the centre of the radars plus and minus 1.2
             times the largest distance of radars and path from the centre, and more until no contour
             leaves the map, up to nine times that.
@@ -89,12 +109,13 @@ def grid(
         step_km: Distance of the cells [km]. None takes a 500th of the longer side.
         leaves: Whether a contour goes through some cells, which are two sides of the map.
     """
+    cells = partial(Grid, scenario, pose_in_cells(scenario, down, course))
     radars = scenario.radar_states[:, :DOWN]
     centre = radars.mean(axis=0)
     positions = np.vstack([scenario.aircraft[:, :DOWN], radars])
     reach = 1.2 * max(float(np.max(abs(positions - centre))), 1e3)
     if north_km is None and east_km is None:
-        reach = _reach(centre, reach, leaves)
+        reach = _reach(centre, reach, lambda north, east: leaves(cells(north, east)))
     ends = []
     for axis, (name, side) in enumerate((("north", north_km), ("east", east_km))):
         if side is None:
@@ -125,10 +146,12 @@ def grid(
         np.asarray(start + step * np.arange(count), dtype=float)
         for (start, _), count in zip(ends, counts, strict=True)
     )
-    return Grid(north, east)
+    return cells(north, east)
 
 
-def _reach(centre: FloatArray, least: float, leaves: Callable[[Grid], bool]) -> float:
+def _reach(
+    centre: FloatArray, least: float, leaves: Callable[[FloatArray, FloatArray], bool]
+) -> float:
     """Return the distance of the sides from the centre (2,) beyond which no contour goes.
 
     Where P_D is high at any distance, and where the route would be a dot, it is `least`.
@@ -138,7 +161,7 @@ def _reach(centre: FloatArray, least: float, leaves: Callable[[Grid], bool]) -> 
         north, east = (np.linspace(c - reach, c + reach, _ON_A_SIDE) for c in centre)
         try:
             # a contour may be beyond a blind zone, so that clear sides are not the end
-            if leaves(Grid(north[[0, -1]], east)) or leaves(Grid(north, east[[0, -1]])):
+            if leaves(north[[0, -1]], east) or leaves(north, east[[0, -1]]):
                 inside = number
         except InputError:  # beyond the edge of the earth
             break
@@ -146,22 +169,14 @@ def _reach(centre: FloatArray, least: float, leaves: Callable[[Grid], bool]) -> 
 
 
 def p_d_in_cells(
-    scenario: Scenario,
-    cells: Grid,
-    *,
-    down: float | None = None,
-    course: float | None = None,
-    method: str | None = None,
-    beta: float = 3.0,
-    workers: int = 1,
-) -> tuple[Plane, Plane | None]:
+    cells: Grid, *, method: str | None = None, beta: float = 3.0, workers: int = 1
+) -> list[Plane]:
     """Return P_D in each cell, and its upper bound at Φ(β) if a method of propagation is given.
 
-    The first pose gives roll, pitch and the covariance of the aircraft. It also gives `down` [m]
-    and course [rad] if these are left out, see `pose_in_cells`. Both planes are NaN where the
-    aircraft is at a radar, the bound also where the method does not converge.
+    Both are NaN where the aircraft is at a radar, the bound also where the method does not
+    converge.
     """
-    pose = pose_in_cells(scenario, down, course)
+    scenario = cells.scenario
 
     def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
         p_d = scenario.model.p_d(aircraft, scenario.radar)
@@ -170,9 +185,8 @@ def p_d_in_cells(
         return p_d, upper_bound(scenario.at_states(aircraft), method, beta).reshape(p_d.shape)
 
     at_cell = EVALUATIONS.get(method, EVALUATIONS["form"]) if method else 1.0
-    _foresee(scenario, cells, at_cell, workers)
-    p_d, *bounds = _in_cells(scenario, cells, pose, planes, workers)
-    return p_d, bounds[0] if bounds else None
+    _foresee(cells, at_cell, workers)
+    return _in_cells(cells, planes, workers)
 
 
 def upper_bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
@@ -189,24 +203,18 @@ def upper_bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
     return bound
 
 
-def worst_p_d_in_cells(
-    scenario: Scenario,
-    cells: Grid,
-    *,
-    down: float | None = None,
-    workers: int = 1,
-) -> tuple[Plane, Plane]:
+def worst_p_d_in_cells(cells: Grid, *, workers: int = 1) -> list[Plane]:
     """Return the largest P_D over all headings in each cell, and its heading [deg].
 
     Every lobe of the RCS has `PER_LOBE` sampled headings. A golden section finds the maximum on the
     best lobe. The search can miss another lobe that is hardly higher, see `PER_LOBE`.
     """
-    pose = pose_in_cells(scenario, down, None)
+    scenario = cells.scenario
     detail = min(model.rcs.detail for model in scenario.model.models)
     count = math.ceil(2.0 * np.pi * PER_LOBE / detail) or 1
     step = 2.0 * np.pi / count
     headings = step * np.arange(count)
-    _foresee(scenario, cells, len(headings) + _SECTIONS, workers)
+    _foresee(cells, len(headings) + _SECTIONS, workers)
 
     def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
         turn = None
@@ -215,7 +223,7 @@ def worst_p_d_in_cells(
             turn = geodesy.turn_to_origin(place, scenario.origin)
 
         def p_d_at(heading: FloatArray | float) -> FloatArray:
-            aircraft[..., ATTITUDE] = pose[ATTITUDE]
+            aircraft[..., ATTITUDE] = cells.pose[ATTITUDE]
             aircraft[..., YAW] = heading
             if turn is not None:
                 aircraft[..., ATTITUDE] = geodesy.turned_attitude(aircraft[..., ATTITUDE], turn)
@@ -234,14 +242,13 @@ def worst_p_d_in_cells(
             best[better], at[better] = maximum[better], argument[better]
         return best, np.rad2deg(np.mod(at, 2.0 * np.pi))
 
-    largest, heading = _in_cells(scenario, cells, pose, planes, workers)
-    return largest, heading
+    return _in_cells(cells, planes, workers)
 
 
-def _foresee(scenario: Scenario, cells: Grid, evaluations: float, workers: int) -> None:
+def _foresee(cells: Grid, evaluations: float, workers: int) -> None:
     """Say what a map takes, from the evaluations of P_D of one radar in a cell."""
     rows, columns = cells.shape
-    radars = len(scenario.model.radars)
+    radars = len(cells.scenario.model.radars)
     foresee(
         f"{rows:,} x {columns:,} cells of {radars} radar{'s' if radars > 1 else ''}",
         rows * columns * radars * evaluations,
@@ -251,17 +258,13 @@ def _foresee(scenario: Scenario, cells: Grid, evaluations: float, workers: int) 
 
 
 def _in_cells(
-    scenario: Scenario,
-    cells: Grid,
-    pose: FloatArray,
-    planes: Callable[[FloatArray], tuple[FloatArray, ...]],
-    workers: int,
+    cells: Grid, planes: Callable[[FloatArray], tuple[FloatArray, ...]], workers: int
 ) -> list[Plane]:
     """Return planes (rows, columns), computed from the states (..., 6) of each block."""
     parts_of_grid = list(blocks(cells.shape))
 
     def compute_block(index: int) -> tuple[FloatArray, ...]:
-        return planes(states_in(cells, parts_of_grid[index], pose, scenario.origin))
+        return planes(cells.states(*parts_of_grid[index]))
 
     filled: list[Plane] = []
     done, total = 0, math.prod(cells.shape)
@@ -279,8 +282,9 @@ def _in_cells(
 def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) -> FloatArray:
     """Return the aircraft state (6,) in every cell; north and east have no meaning.
 
-    With an origin, down is minus the height above the origin. The attitude is relative to the
-    horizontal plane of the cell.
+    It is the first pose, but for `down` [m] and course [rad] if these are given. With an origin,
+    down is minus the height above the origin. The attitude is relative to the horizontal plane of
+    the cell.
     """
     pose: FloatArray = scenario.aircraft[0].copy()
     origin = scenario.origin
@@ -294,36 +298,6 @@ def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) 
     if course is not None:
         pose[YAW] = course
     return pose
-
-
-def states_in(
-    cells: Grid,
-    block: tuple[slice, ...],
-    pose: FloatArray,
-    origin: tuple[float, float, float] | None,
-) -> FloatArray:
-    """Return the aircraft states (rows, columns, 6) in a block of the grid."""
-    return states_at(cells.north[block[0]][:, np.newaxis], cells.east[block[1]], pose, origin)
-
-
-def states_at(
-    north: FloatArray,
-    east: FloatArray,
-    pose: FloatArray,
-    origin: tuple[float, float, float] | None,
-) -> FloatArray:
-    """Return the aircraft states (..., 6) at north and east (...) [m], as `pose` (6,) otherwise."""
-    aircraft = join(np.broadcast_arrays(north, east, *pose[2:]))
-    if origin is not None:
-        put_at_height(aircraft, origin)
-    return aircraft
-
-
-def places_at(
-    north: FloatArray, east: FloatArray, pose: FloatArray, origin: tuple[float, float, float]
-) -> FloatArray:
-    """Return latitude, longitude [rad] and height [m] (..., 3) of `states_at`."""
-    return geodesy.geodetic_from_ned(states_at(north, east, pose, origin)[..., POSITION], origin)
 
 
 def put_at_height(

@@ -27,20 +27,25 @@ SMOOTH = ("linear", "probit", "form")
 SMALL = {"north_km": (-600, 600), "east_km": (-300, 700), "step_km": 50}
 
 
-def poses_of(s, cells):
-    """Poses (n, m, 6) of the cells, at the height and attitude of the first pose of a scenario."""
-    states = np.zeros((*cells.shape, 6))
-    states[..., 0], states[..., 1] = cells.north[:, None], cells.east
+def poses_of(s, north, east):
+    """Poses (n, m, 6) of cells, at the height and attitude of the first pose of a scenario."""
+    states = np.zeros((len(north), len(east), 6))
+    states[..., 0], states[..., 1] = north[:, None], east
     states[..., 2:] = s.aircraft[0, 2:]
     return states
 
 
+def square(s, corner, down=None, course=None, side=1e3):
+    """Four cells whose south-west corner is a place."""
+    north, east = (corner[i] + np.array([0, side]) for i in (0, 1))
+    return area.Grid(s, area.pose_in_cells(s, down, course), north, east)
+
+
 def test_cells_are_those_of_the_model():
     s = scenario(aircraft__attitude_deg=[3, -2, 90], geometry__down_km=-4)
-    cells = area.grid(s, **SMALL)
+    cells = area.grid(s, down=-7e3, course=math.radians(20), **SMALL)
     assert cells.shape == (25, 21)
-    p_d, bound = area.p_d_in_cells(s, cells, down=-7e3, course=math.radians(20))
-    assert bound is None
+    (p_d,) = area.p_d_in_cells(cells)
     assert p_d.dtype == np.float32
     for i, j in ((0, 0), (3, 17), (24, 20), (12, 5)):
         state = [cells.north[i], cells.east[j], -7e3, *np.deg2rad([3, -2, 20])]
@@ -48,7 +53,7 @@ def test_cells_are_those_of_the_model():
     assert (cells.north[0], cells.north[-1], cells.east[0], cells.east[-1]) == (
         -600e3, 600e3, -300e3, 700e3,
     )  # fmt: skip
-    own, _ = area.p_d_in_cells(s, cells)
+    (own,) = area.p_d_in_cells(area.grid(s, **SMALL))
     state = [cells.north[3], cells.east[4], -4e3, *np.deg2rad([3, -2, 90])]
     np.testing.assert_allclose(own[3, 4], s.model.p_d(state, s.radar), rtol=1e-7)
 
@@ -62,8 +67,8 @@ def test_bound_is_that_of_propagate(config, method):
     else:
         s, reach, step = rs.load_scenario(ROOT / f"configs/{config}.yaml"), 250, 50
     cells = area.grid(s, north_km=(-reach, reach), east_km=(10, reach + 10), step_km=step)
-    _, bound = area.p_d_in_cells(s, cells, method=method)
-    moments = propagate_scenario(s.at_states(poses_of(s, cells)), method=method)
+    _, bound = area.p_d_in_cells(cells, method=method)
+    moments = propagate_scenario(s.at_states(poses_of(s, cells.north, cells.east)), method=method)
     std, upper = (np.reshape(values, cells.shape) for values in (moments.std, moments.upper))
     # one bound settles in some more cells than all that a mean takes
     known = ~np.isnan(std)
@@ -71,7 +76,7 @@ def test_bound_is_that_of_propagate(config, method):
     np.testing.assert_allclose(bound[known], upper[known], rtol=2e-7)
     np.testing.assert_array_less(bound[~known & ~np.isnan(bound)], 1.0001)
     covariances = s.cov_aircraft, s.cov_radar
-    states = s.model, poses_of(s, cells), s.radar
+    states = s.model, poses_of(s, cells.north, cells.east), s.radar
     gaussian = rs.propagate(*states, *covariances, method=method)
     off = np.nanmax(abs(bound - gaussian.upper))
     assert off > 0.02 if s.tolerances[0] and method == "form" else off < 1e-6
@@ -89,13 +94,12 @@ def test_a_map_of_the_round_earth_is_at_one_height_above_it(tmp_path):
     expected = wgs84.ned_from_geodetic(place, origin)
     np.testing.assert_allclose(s.aircraft[:, :3], expected, rtol=1e-12, atol=1e-6)
     for state in s.aircraft[1:]:  # the farthest is 700 km away, and 39 km lower
-        cells = area.Grid(state[0] + np.array([0, 1e3]), state[1] + np.array([0, 1e3]))
-        p_d, bound = area.p_d_in_cells(s, cells, method="probit")
+        p_d, bound = area.p_d_in_cells(square(s, state), method="probit")
         assert p_d[0, 0] == pytest.approx(s.model.p_d(state, s.radar), rel=1e-6)
         assert bound[0, 0] > p_d[0, 0]
-        turned = area.p_d_in_cells(s, cells, down=-8600.0, course=math.radians(75))[0]
+        turned = area.p_d_in_cells(square(s, state, -8600.0, math.radians(75)))[0]
         np.testing.assert_allclose(turned, p_d, rtol=1e-6)
-        low = area.p_d_in_cells(s, cells, down=-2000.0)[0][0, 0]
+        low = area.p_d_in_cells(square(s, state, -2000.0))[0][0, 0]
         assert low != pytest.approx(p_d[0, 0], rel=1e-4)
     result = coverage_map(s, north_km=(-80, 90), east_km=(10, 60), step_km=12)
     summary = result.summary
@@ -113,8 +117,8 @@ def test_blocks_and_threads_do_not_matter(monkeypatch, compute):
 
     def planes(workers):
         if compute == "worst heading":
-            return area.worst_p_d_in_cells(s, cells, workers=workers)
-        return area.p_d_in_cells(s, cells, method=compute, workers=workers)
+            return area.worst_p_d_in_cells(cells, workers=workers)
+        return area.p_d_in_cells(cells, method=compute, workers=workers)
 
     with listening(lambda *step: done.append(step)):
         one = planes(1)
@@ -130,12 +134,11 @@ def test_blocks_and_threads_do_not_matter(monkeypatch, compute):
 TRIED = ((0, 0), (1, 1), (1, 0))
 
 
-def brute_force(s, cells, down=None, count=20_000):
+def brute_force(s, cells, count=20_000):
     """Largest P_D over headings in some cells, by the model at very many headings."""
     found = []
     for i, j in TRIED:
-        pose = area.pose_in_cells(s, down, None)
-        states = np.tile(pose, (count, 1))
+        states = np.tile(s.aircraft[0], (count, 1))
         states[:, 0], states[:, 1] = cells.north[i], cells.east[j]
         states[:, 5] = np.linspace(0, 2 * np.pi, count)
         found.append(s.model.p_d(states, s.radar).max())
@@ -160,13 +163,15 @@ RCS = {
 )
 def test_the_worst_heading_is_that_of_brute_force(rcs, attitude):
     s = scenario(aircraft__rcs=RCS[rcs], aircraft__attitude_deg=attitude)
-    cells = area.grid(s, north_km=(200, 500), east_km=(-350, 0), step_km=300)
+    sides = {"north_km": (200, 500), "east_km": (-350, 0), "step_km": 300}
+    cells = area.grid(s, **sides)
     for _ in range(40):  # a radar for which P_D is neither 0 nor 1
         off = np.median(brute_force(s, cells, count=400)) - 0.6
         if abs(off) < 0.1:
             break
         s = with_arrays(s, radar=s.radar * [1, 1, 1, 0.6 if off > 0 else 1.5])
-    largest, heading = area.worst_p_d_in_cells(s, cells)
+    cells = area.grid(s, **sides)
+    largest, heading = area.worst_p_d_in_cells(cells)
     expected = brute_force(s, cells)
     found = np.array([largest[cell] for cell in TRIED])
     assert np.ptp(expected) > 0.1  # neither 0 nor 1 everywhere
@@ -174,13 +179,11 @@ def test_the_worst_heading_is_that_of_brute_force(rcs, attitude):
     assert np.all(found >= expected - 1e-6)
     np.testing.assert_allclose(found, expected, atol=1e-3)
     # the value is P_D at the named heading, and not less than at any other
-    aircraft = area.states_in(
-        cells, (slice(None), slice(None)), area.pose_in_cells(s, None, None), None
-    )
+    aircraft = cells.states()
     aircraft[..., 5] = np.deg2rad(heading)
     np.testing.assert_allclose(s.model.p_d(aircraft, s.radar), largest, atol=2e-5)
     for course in np.deg2rad([0, 77, 181]):
-        assert np.all(area.p_d_in_cells(s, cells, course=course)[0] <= largest)
+        assert np.all(area.p_d_in_cells(area.grid(s, course=course, **sides))[0] <= largest)
 
 
 def test_the_worst_heading_of_a_network_on_the_round_earth():
@@ -188,15 +191,17 @@ def test_the_worst_heading_of_a_network_on_the_round_earth():
     s = rs.load_scenario(ROOT / "configs/corridor.yaml")
     assert s.origin is not None
     assert len(s.model.radars) > 1
-    north, east = s.aircraft[40, :2]
-    cells = area.Grid(north + np.array([0, 3e4]), east + np.array([0, 3e4]))
-    largest, heading = area.worst_p_d_in_cells(s, cells)
+
+    def at(course=None):
+        return square(s, s.aircraft[40], None, course, 3e4)
+
+    largest, heading = area.worst_p_d_in_cells(at())
     courses = np.linspace(0, 2 * np.pi, 181)
-    each = np.array([area.p_d_in_cells(s, cells, course=course)[0] for course in courses])
+    each = np.array([area.p_d_in_cells(at(course))[0] for course in courses])
     assert np.all(largest >= each.max(axis=0) - 1e-6)
     np.testing.assert_allclose(largest, each.max(axis=0), atol=1e-3)
-    at = area.p_d_in_cells(s, cells, course=np.deg2rad(heading[0, 1]))[0][0, 1]
-    assert at == pytest.approx(largest[0, 1], abs=1e-5)
+    (there,) = area.p_d_in_cells(at(np.deg2rad(heading[0, 1])))
+    assert there[0, 1] == pytest.approx(largest[0, 1], abs=1e-5)
 
 
 def test_the_contour_may_be_beyond_a_blind_zone():
@@ -229,8 +234,8 @@ def test_a_lobe_between_the_tens_of_degrees_of_elevation_is_found(tmp_path):
     content = document(content, geometry__down_km=-5, geometry__range_km=57, **weak)
     (tmp_path / "map.yaml").write_text(dump_yaml(content))
     s = rs.load_scenario(tmp_path / "map.yaml")
-    cells = area.Grid(np.array([-68e3, -64e3]), np.array([4e3, 8e3]))
-    found, _ = area.worst_p_d_in_cells(s, cells)
+    cells = square(s, (-68e3, 4e3), side=4e3)
+    found, _ = area.worst_p_d_in_cells(cells)
     states = np.zeros((7200, 6))
     states[:, 2] = -5e3
     states[:, 5] = np.deg2rad(np.arange(7200) / 20)
@@ -469,7 +474,7 @@ def test_a_limit_that_errors_may_cross_does_not_lower_the_bound(limits):
     )
     result = coverage_map(s, upper=True, step_km=1, north_km=(38, 50), east_km=(-5, 5))
     shown = result.table["upper_3sigma"].ravel()
-    states = poses_of(s, area.Grid(result.table["north_m"], result.table["east_m"]))
+    states = poses_of(s, result.table["north_m"], result.table["east_m"])
     true = propagate_scenario(s.at_states(states))
     assert np.all(shown >= true.upper - 0.005 - 3 * true.error)
     assert shown.min() == 0  # beyond three sigma of the limit
@@ -493,7 +498,7 @@ def test_a_bound_that_is_shown_is_judged_where_the_moments_have_no_value():
     )
     result = coverage_map(s, upper=True, north_km=(30, 70), east_km=(30, 70), step_km=5)
     shown = result.table["upper_3sigma"].ravel()
-    states = poses_of(s, area.Grid(result.table["north_m"], result.table["east_m"]))
+    states = poses_of(s, result.table["north_m"], result.table["east_m"])
     true = propagate_scenario(s.at_states(states)).upper
     most = np.nanmax(abs(true - shown))
     assert most > 0.01

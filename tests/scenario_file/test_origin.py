@@ -12,7 +12,7 @@ from routes import STD, geodetic, load, ned
 from scenario_file.earth import DEG, height_of, sees, to_ned
 
 import radar_sense as rs
-from radar_sense.coverage.grid import Grid, p_d_in_cells
+from radar_sense.coverage.grid import Grid, p_d_in_cells, pose_in_cells
 from radar_sense.coverage.rays import rays
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.trajectory import resample
@@ -200,16 +200,17 @@ def test_a_map_is_the_same_about_another_origin(tmp_path):
     for origin in ((50, 10, 0), (42, 16, 700), (10, 20, 0)):
         s = written(tmp_path, [radar], rows, origin, aircraft=AIRCRAFT)
         north, east, _ = to_ned(place, origin)
-        cells = Grid(np.array([north, north + 1e3]), np.array([east, east + 1e3]))
-        found = p_d_in_cells(s, cells, down=origin[2] - 900.0, course=1.0, method="probit")
+        pose = pose_in_cells(s, origin[2] - 900.0, 1.0)
+        cells = Grid(s, pose, np.array([north, north + 1e3]), np.array([east, east + 1e3]))
+        found = p_d_in_cells(cells, method="probit")
         values.append(found[0][0, 0])
         bounds.append(found[1][0, 0])
     assert values[0] > 0.01
     np.testing.assert_allclose(values, values[0], rtol=1e-5)
     np.testing.assert_allclose(bounds, bounds[0], rtol=1e-5)
-    far = Grid(np.array([6.4e6, 6.5e6]), np.array([0.0, 1e3]))
+    far = Grid(s, pose, np.array([6.4e6, 6.5e6]), np.array([0.0, 1e3]))
     with pytest.raises(rs.InputError, match="edge of the earth"):
-        p_d_in_cells(s, far)
+        p_d_in_cells(far)
 
 
 def test_an_aspect_is_the_same_at_every_distance(tmp_path):
