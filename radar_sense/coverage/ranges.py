@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +14,9 @@ from radar_sense.coverage.rays import (
     Rays,
     Reach,
     Survey,
-    bounds_of_reach,
     first_guess,
     reach_of_bound,
+    reach_of_quantile,
 )
 from radar_sense.model.radar import ALWAYS
 from radar_sense.propagation import AUTOMATIC, propagate_scenario, unreliable_in_scenario
@@ -83,62 +83,58 @@ def detection_ranges(seen: Survey, values: list[float], method: str, k: float) -
 
     By linear, σ is σ of P_D divided by the slope of P_D.
     """
-    around = seen.all_rays
-    ranges = []
-    for value in values:
-        reach = seen.reach(value)
-        exists = ~np.isnan(reach.distance)
-        slant = _slant(around, np.nan_to_num(reach.distance))
-        defined = exists & ~reach.limited
-        # Where a limit comes first, the band is computed without the limit and cut off there.
-        unlimited = seen.reach(value, limits=False).distance
-        distance = np.where(exists, unlimited, FARTHEST)
-        at = around.at(distance)
-        slope = _slope(around, distance)
-        slope = np.where(exists & (slope < 0), slope, np.nan)
-        budget = error_budget(at)
+    return [_range_at(seen, value, method, k) for value in values]
+
+
+def _range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
+    around, reach = seen.all_rays, seen.reach(value)
+    exists = ~np.isnan(reach.distance)
+    slant = around.slant_range(np.nan_to_num(reach.distance))
+    # Where a limit comes first, the band is computed without the limit and cut off there.
+    distance = np.where(exists, seen.reach(value, limits=False).distance, FARTHEST)
+    slope = _slope(around, distance)
+    slope = np.where(exists & (slope < 0), slope, np.nan)
+    budget = error_budget(around.at(distance))
+    if method == "linear":
         std = budget.total.std / abs(slope)
-        by_source = {
-            name: np.where(defined, source.std / abs(slope), np.nan)
-            for name, source in budget.sources.items()
-        }
-        if method == "linear":
-            lower, upper = _first_order_band(seen, _slant(around, distance), k * std)
-            unreliable = _unreliable(around, [np.where(exists, distance, np.nan)], "probit", k)
-        else:
-            smooth = "form" if method == AUTOMATIC else method
-            band = bounds_of_reach(seen, value, smooth, k)
-            middle = bounds_of_reach(seen, value, smooth, NODE)
-            unreliable = _unreliable(around, band, smooth, k)
-            cut = np.zeros_like(unreliable)
-            unknown = unreliable | np.isnan([*band, *middle]).any(axis=0)
-            if method == AUTOMATIC and unknown.any():
-                rows, unreliable = np.flatnonzero(unknown), np.zeros_like(unknown)
-                without = np.array([*band, *middle])
-                some = seen.part(rows)
-                for ends, beta in ((band, k), (middle, NODE)):
-                    for end, sign in zip(ends, (-1.0, 1.0), strict=True):
-                        end[rows], imprecise = _by_draws(some, end[rows], value, sign * beta)
-                        unreliable[rows] |= imprecise
-                moved = abs(np.array([*band, *middle]) - without) > 2.0 * PRECISION * without
-                cut = moved.any(axis=0) & _limit_in_reach(around, band[0])
-            lower, upper = (_slant(around, end) for end in band)
-            first, last = (_slant(around, end) for end in middle)
-            std = _std_of_quantiles(first, slant, last)
-            std[cut] = np.nan  # three nodes do not follow a limit that moves an end
-        std = np.where(defined, std, np.nan)
-        ranges.append(RangeAt(value, reach, slant, std, lower, upper, by_source, unreliable))
-    return ranges
+        limit = limit_of_radar(seen)
+        farthest = np.inf if limit is None else limit
+        middle = around.slant_range(distance)
+        lower, upper = (np.clip(middle + sign * k * std, 0.0, farthest) for sign in (-1, 1))
+        unreliable = _unreliable(around, [np.where(exists, distance, np.nan)], "probit", k)
+    else:
+        lower, upper, std, unreliable = _band(seen, value, slant, method, k)
+    defined = exists & ~reach.limited
+    by_source = {
+        name: np.where(defined, source.std / abs(slope), np.nan)
+        for name, source in budget.sources.items()
+    }
+    std = np.where(defined, std, np.nan)
+    return RangeAt(value, reach, slant, std, lower, upper, by_source, unreliable)
 
 
-def _first_order_band(
-    seen: Survey, slant: FloatArray, width: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the range ∓ a width, between 0 and the limit of the radar."""
-    limit = limit_of_radar(seen)
-    farthest = np.inf if limit is None else limit
-    lower, upper = (np.clip(slant + sign * width, 0.0, farthest) for sign in (-1, 1))
-    return lower, upper
+def _band(
+    seen: Survey, value: float, slant: FloatArray, method: str, k: float
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return bounds and σ (n,) of the slant range, and where they are not reliable."""
+    around, betas = seen.all_rays, (-k, k, -NODE, NODE)
+    smooth = "form" if method == AUTOMATIC else method
+    ends = np.array([reach_of_quantile(seen, value, smooth, beta) for beta in betas])
+    unreliable = _unreliable(around, ends[:2], smooth, k)
+    cut = np.zeros_like(unreliable)
+    unknown = unreliable | np.isnan(ends).any(axis=0)
+    if method == AUTOMATIC and unknown.any():
+        rows, unreliable = np.flatnonzero(unknown), np.zeros_like(unknown)
+        without, some = ends.copy(), seen.part(rows)
+        for end, beta in zip(ends, betas, strict=True):
+            end[rows], imprecise = _by_draws(some, end[rows], value, beta)
+            unreliable[rows] |= imprecise
+        moved = abs(ends - without) > 2.0 * PRECISION * without
+        cut = moved.any(axis=0) & _limit_in_reach(around, ends[0])
+    lower, upper, first, last = (around.slant_range(end) for end in ends)
+    std = _std_of_quantiles(first, slant, last)
+    std[cut] = np.nan  # three nodes do not follow a limit that moves an end
+    return lower, upper, std, unreliable
 
 
 def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) -> FloatArray:
@@ -149,7 +145,9 @@ def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) 
     return std
 
 
-def _unreliable(around: Rays, band: list[FloatArray], method: str, k: float) -> NDArray[np.bool_]:
+def _unreliable(
+    around: Rays, band: Iterable[FloatArray], method: str, k: float
+) -> NDArray[np.bool_]:
     """Return where (n,) the method is unreliable at one end of the band, with limits in reach."""
     unreliable = np.zeros(len(around.bearing), dtype=bool)
     for end in band:
@@ -227,15 +225,8 @@ def _slope(around: Rays, distance: FloatArray) -> FloatArray:
     return slope
 
 
-def _slant(around: Rays, distance: FloatArray) -> FloatArray:
-    """Return the slant ranges (n,) at distances (n,); 0 for 0, and NaN for NaN."""
-    exists = np.nan_to_num(distance) > 0
-    slant = around.slant_range(np.where(exists, distance, 1.0))
-    return np.where(exists, slant, distance)
-
-
 def limit_of_radar(seen: Survey) -> FloatArray | None:
     """Return the slant range (n,) of the limit of the radar; None if no limit is reached."""
     if seen.visible[:, -1].all():
         return None
-    return _slant(seen.all_rays, np.nan_to_num(seen.limit))
+    return seen.all_rays.slant_range(np.nan_to_num(seen.limit))

@@ -102,8 +102,10 @@ class Rays:
         return scenario.at_states(self.states(distance.reshape(len(self.bearing), -1)))
 
     def slant_range(self, distance: FloatArray) -> FloatArray:
-        """Return the slant ranges (n,) [m] at distances (n,) [m]."""
-        return slant_range(self.states(distance[:, np.newaxis])[:, 0], self.scenario.radar)
+        """Return the slant ranges (n,) [m] at distances (n,) [m]; 0 for 0, and NaN for NaN."""
+        exists = np.nan_to_num(distance) > 0
+        states = self.states(np.where(exists, distance, NEAREST)[:, np.newaxis])[:, 0]
+        return np.where(exists, slant_range(states, self.scenario.radar), distance)
 
     def part(self, rays: slice | NDArray[np.intp]) -> Rays:
         """Return some of the rays."""
@@ -206,7 +208,7 @@ class Survey:
 
     @functools.cached_property
     def limit(self) -> FloatArray:
-        """Return the farthest distance (n,) [m] within the limits; NaN where there is none."""
+        """The farthest distance (n,) [m] within the limits; NaN where there is none."""
         near, far = _farthest(self.visible, self.distance, self.all_rays.visible)
         return np.sqrt(near * far)
 
@@ -224,28 +226,25 @@ def survey(all_rays: Rays) -> Survey:
     return Survey(all_rays, distance, p_d, visible)
 
 
-def bounds_of_reach(seen: Survey, value: float, method: str, beta: float) -> list[FloatArray]:
-    """Return how far the bounds of P_D at Φ(−β) and Φ(β) reach a value, within the limits.
+def reach_of_quantile(seen: Survey, value: float, method: str, beta: float) -> FloatArray:
+    """Return how far (n,) the quantile of P_D at Φ(β) reaches a value, within the limits.
 
     The distance at which P_D falls below a value is random, because P_D is uncertain. Where P_D
     falls with distance, the random distance exceeds r if P_D at r exceeds the value. The quantiles
     of the distance are therefore the distances at which the quantiles of P_D have the value.
 
-    The bounds by `probit` cost little, and start the search for the bounds by the method. The
-    distances (n,) are 0 where a bound is nowhere as high, NaN where the method has no value.
+    The quantile by `probit` costs little, and starts the search for that by the method. The
+    distance is 0 where the quantile is nowhere as high, NaN where the method has no value.
     """
 
-    def reach(end: float) -> FloatArray:
-        def bound(rays: Rays, distance: FloatArray) -> FloatArray:
-            return rays.quantile(distance, method, end)
+    def bound(rays: Rays, distance: FloatArray) -> FloatArray:
+        return rays.quantile(distance, method, beta)
 
-        limit = np.nan_to_num(seen.limit)
-        found = reach_of_bound(seen, first_guess(seen, value, end), value, limit, bound)
-        inside = np.maximum(found, NEAREST)[:, np.newaxis] * INSIDE
-        found[(found > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0.0
-        return found
-
-    return [reach(-beta), reach(beta)]
+    limit = np.nan_to_num(seen.limit)
+    found = reach_of_bound(seen, first_guess(seen, value, beta), value, limit, bound)
+    inside = np.maximum(found, NEAREST)[:, np.newaxis] * INSIDE
+    found[(found > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0.0
+    return found
 
 
 def first_guess(seen: Survey, value: float, beta: float) -> FloatArray:
