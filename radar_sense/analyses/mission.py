@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -39,6 +39,7 @@ from radar_sense.mission.draws import MissionDraws, draw_missions
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import Cumulative, recombined_missions
 from radar_sense.mission.tracks import fuse, p_d_by_time
+from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -64,11 +65,6 @@ class Event:
     before: str
     meaning: str
 
-    @property
-    def p(self) -> str:
-        """Column of the probability."""
-        return f"{self.stem}_p_d"
-
 
 EVENTS = (
     Event("detection", "cumulative", "", "the aircraft has been detected"),
@@ -84,11 +80,13 @@ class Mission:
         radar: Name of the radar; "" for the network.
         p_d: P_D of the looks at each time (K,), NaN where there is no look.
         events: Probability of each event by each time (K,): detection, and a track if wanted.
+        drawn: The same by plain draws; {} without these, and for a radar alone.
     """
 
     radar: str
     p_d: FloatArray
     events: Mapping[Event, Cumulative]
+    drawn: Mapping[Event, DrawStatistics] = field(default_factory=dict)
 
 
 @command(
@@ -134,26 +132,26 @@ def mission(
     if runs is not None:
         sizes = f"{len(axis):,} times x {runs:,} runs"
         foresee(sizes, sum(map(len, looks.times)) * runs, less="fewer --runs", workers=workers)
-    missions = _missions(looks, recombined_missions(looks, window, k=k, workers=workers))
-    network, *radars = missions
+    recombined = recombined_missions(looks, window, k=k, workers=workers)
     drawn = None if runs is None else draw_missions(looks, window, k=k, workers=workers)
+    network, *radars = missions = _missions(looks, recombined, drawn)
 
     result = Result(scenario, "montecarlo")
     words.add_axis(result.table, axis)
     for one in missions:
-        _add_columns(result.table, one, None if one.radar else drawn, k)
-    for one in missions:
-        of, end = words.of_radar(one.radar)
-        for event, found in one.events.items():
-            for side, error in (("lower", found.lower_se), ("upper", found.upper_se)):
-                name = f"{event.before}{side}_{k:.12g}sigma"
-                meaning = f"{of}Standard error of {name}{end}."
-                result.table.add(f"{name}_se{end}", error, meaning)
-    for one in missions:
-        of, end = words.of_radar(one.radar)
-        for event, found in one.events.items():
-            meaning = f"{of}Standard error of mean_{event.stem}{end}."
-            result.table.add(f"mean_{event.stem}_se{end}", found.mean_se, meaning)
+        _add_columns(result.table, one, k)
+    each = [
+        (event, found, *words.of_radar(one.radar))
+        for one in missions
+        for event, found in one.events.items()
+    ]
+    for event, found, of, end in each:
+        for side, error in (("lower", found.lower_se), ("upper", found.upper_se)):
+            name = f"{event.before}{side}_{k:.12g}sigma"
+            result.table.add(f"{name}_se{end}", error, f"{of}Standard error of {name}{end}.")
+    for event, found, of, end in each:
+        name = f"mean_{event.stem}"
+        result.table.add(f"{name}_se{end}", found.mean_se, f"{of}Standard error of {name}{end}.")
 
     errors = {
         event.key: words.peak(np.maximum(found.lower_se, found.upper_se), axis)
@@ -176,7 +174,7 @@ def mission(
             }
             for one, period, times in zip(radars, periods, looks.times, strict=True)
         }
-    names = ["detection", *(f"track, {window[0]} of {window[1]}" for window in [window] if window)]
+    names = ["detection"] if window is None else ["detection", "track, {} of {}".format(*window)]
     for name, found in zip(names, network.events.values(), strict=True):
         result.report += _answer(name, found, scenario.level, axis, k)
     if radars:
@@ -196,7 +194,7 @@ def mission(
     result.report.append(_describe_looks(looks))
     largest = (f"{key} {words.describe_extreme(top, axis)}" for key, top in errors.items())
     result.report.append(f"largest standard error of a bound: {', '.join(largest)}")
-    result.draw = partial(_draw, result=result, window=window, periods=len({*periods}), k=k)
+    result.draw = partial(_draw, scenario=scenario, missions=missions, window=window, k=k)
     return result
 
 
@@ -216,13 +214,16 @@ def _window(track: Sequence[int] | None, m: int | None, n: int | None) -> tuple[
     return m, n
 
 
-def _missions(looks: Looks, found: Sequence[list[Cumulative]]) -> list[Mission]:
+def _missions(
+    looks: Looks, found: Sequence[list[Cumulative]], drawn: MissionDraws | None
+) -> list[Mission]:
     """Return the mission of the network, and that of each radar alone."""
     schedule, p_d = looks.schedule, looks.nominal_p_d()
     times = np.arange(len(schedule.time))
     together = p_d_by_time(schedule, fuse(schedule.radars, p_d), times)[:, 0]
     network, *alone = (dict(zip(EVENTS, events, strict=False)) for events in found)
-    missions = [Mission("", together, network)]
+    by_runs = dict(zip(EVENTS, [] if drawn is None else drawn.events, strict=False))
+    missions = [Mission("", together, network, by_runs)]
     names = looks.scenario.model.names
     for name, of_looks, at, events in zip(names, p_d, looks.times, alone, strict=False):
         by_time = np.full(len(times), np.nan)
@@ -231,20 +232,20 @@ def _missions(looks: Looks, found: Sequence[list[Cumulative]]) -> list[Mission]:
     return missions
 
 
-def _add_columns(table: Table, one: Mission, drawn: MissionDraws | None, k: float) -> None:
+def _add_columns(table: Table, one: Mission, k: float) -> None:
     """Add P_D, and the probability, deviation and bounds of each event, and of draws."""
     of, end = words.of_radar(one.radar)
     together = "" if one.radar else ", or of all looks at this time together"
     table.add(f"p_d{end}", one.p_d, f"{of}P_D of the look{together}.")
-    for i, (event, found) in enumerate(one.events.items()):
-        before, this = event.before, f"the probability {event.p}{end}"
-        table.add(f"{event.p}{end}", found.p, f"{of}Probability that {event.meaning} by now.")
+    for event, found in one.events.items():
+        before, name = event.before, f"{event.stem}_p_d{end}"
+        this = f"the probability {name}"
+        table.add(name, found.p, f"{of}Probability that {event.meaning} by now.")
         table.add(f"sigma_{event.stem}{end}", found.std, f"{of}Standard deviation of {this}.")
         for side, bound in (("lower", found.lower), ("upper", found.upper)):
             meaning = f"{of}{side.capitalize()} {k:g}-sigma bound of {this}."
             table.add(f"{before}{side}_{k:.12g}sigma{end}", bound, meaning)
-        if drawn is not None:
-            draws = drawn.events[i]
+        if draws := one.drawn.get(event):
             for name, values, meaning in (
                 ("mean", draws.mean, "Mean of the draws"),
                 ("std", draws.std, "Standard deviation of the draws"),
@@ -338,9 +339,8 @@ def _add_differences(
     """Add the largest differences from plain draws, and the draws at the end."""
     axis, differences = result.scenario.axis, {}
     result.report.append(f"largest difference from {drawn.runs} plain runs (seed {drawn.seed}):")
-    for name, (event, found), draws in zip(
-        names, network.events.items(), drawn.events, strict=True
-    ):
+    for name, (event, found) in zip(names, network.events.items(), strict=True):
+        draws = network.drawn[event]
         lower, upper = abs(found.lower - draws.lower), abs(found.upper - draws.upper)
         bounds = words.peak(np.maximum(lower, upper), axis)
         sigma = words.peak(abs(found.std - draws.std), axis)
@@ -360,42 +360,46 @@ def _add_differences(
 
 
 def _draw(
-    figure: Figure, result: Result, window: tuple[int, int] | None, periods: int, k: float
+    figure: Figure,
+    scenario: Scenario,
+    missions: Sequence[Mission],
+    window: tuple[int, int] | None,
+    k: float,
 ) -> None:
     """Draw P_D of the looks, and the probability of each event with its band."""
     from radar_sense import plotting
 
-    table, scenario, radars = result.table, result.scenario, result.scenario.model.names
+    network, *radars = missions
     (top, *below), x = plotting.pose_panels(figure, 2 if window is None else 3, scenario.axis)
-    styles = plotting.radar_styles(radars if len(radars) > 1 else ())
-    thin = plotting.points(0.8)
-    for name, style in styles.items():
-        looks = np.isfinite(table[f"p_d_{name}"])
-        p_d = table[f"p_d_{name}"][looks]
-        plotting.draw_line(top, x[looks], p_d, style, label=name, lw=thin)
-    if not styles:
+    styles, thin = plotting.radar_styles([one.radar for one in radars]), plotting.points(0.8)
+    for one in radars:
+        looks = np.isfinite(one.p_d)
+        style = styles[one.radar]
+        plotting.draw_line(top, x[looks], one.p_d[looks], style, label=one.radar, lw=thin)
+    if not radars:
         dots = {"marker": "o", "ms": plotting.points(1.8)} if len(x) <= 100 else {}
-        plotting.draw_line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look", **dots)
+        plotting.draw_line(top, x, network.p_d, ("black", "-"), label=r"$P_D$ of a look", **dots)
     top.set_ylabel(r"$P_D$ of a look")
-    for axes, event in zip(below, EVENTS, strict=False):
-        before = event.before
-        for radar, style in styles.items():
-            plotting.draw_line(axes, x, table[f"{event.p}_{radar}"], style, lw=thin)
-        if f"{before}mc_mean" in table:
-            low, high = (table[f"{before}mc_{end}"] for end in ("lower", "upper"))
-            plotting.draw_fill(axes, x, low, high, color="0.8", lw=0, label="Monte Carlo")
-        plotting.draw_line(axes, x, table[event.p], ("black", "-"), label="nominal")
-        mean = table[f"mean_{event.stem}"]
-        plotting.draw_line(axes, x, mean, ("black", ":"), lw=thin, label="mean over the errors")
-        low, high = (table[f"{before}{end}_{k:.12g}sigma"] for end in ("lower", "upper"))
-        plotting.draw_band(axes, x, low, high, rf"${k:g}\,\sigma$ bounds ({scenario.level})")
-        if f"{before}mc_mean" in table:
+    for axes, (event, found) in zip(below, network.events.items(), strict=True):
+        for one in radars:
+            plotting.draw_line(axes, x, one.events[event].p, styles[one.radar], lw=thin)
+        draws = network.drawn.get(event)
+        if draws:
+            fill = {"color": "0.8", "lw": 0, "label": "Monte Carlo"}
+            plotting.draw_fill(axes, x, draws.lower, draws.upper, **fill)
+        plotting.draw_line(axes, x, found.p, ("black", "-"), label="nominal")
+        mean = {"lw": thin, "label": "mean over the errors"}
+        plotting.draw_line(axes, x, found.mean, ("black", ":"), **mean)
+        label = rf"${k:g}\,\sigma$ bounds ({scenario.level})"
+        plotting.draw_band(axes, x, found.lower, found.upper, label)
+        if draws:
             some = slice(None, None, -(-len(x) // 40))
-            mean, size, edge = table[f"{before}mc_mean"], plotting.points(2), plotting.points(0.6)
+            size, edge = plotting.points(2), plotting.points(0.6)
             hollow: dict[str, Any] = {"ms": size, "mfc": "white", "mew": edge}
-            axes.plot(x[some], mean[some], "ko", label="mean of runs", **hollow)
+            axes.plot(x[some], draws.mean[some], "ko", label="mean of runs", **hollow)
         axes.set_ylabel(r"Cumulative $P_D$")
     if window is not None:
-        together = "\nlooks of one period" if periods > 1 else ""
+        periods = {radar.scan_period for radar in scenario.radars}
+        together = "\nlooks of one period" if len(periods) > 1 else ""
         below[1].set_ylabel("Track, {} of {}".format(*window) + together)
-    plotting.draw_legend(figure, *([top] if styles else []), *below[:1])
+    plotting.draw_legend(figure, *([top] if radars else []), *below[:1])
