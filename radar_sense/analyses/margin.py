@@ -42,7 +42,7 @@ OPTIONS = (
 SPAN = 20.0
 #: Least S of a margin, because a radar constant may be drawn as 0.
 LEAST = 1e-20
-#: The term that each source makes uncertain, besides c_r.
+#: The term that each source besides c_r makes uncertain.
 TERMS = {
     "aircraft_position": "range",
     "radar_position": "range",
@@ -247,19 +247,18 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
     terms = {name: (value * ones, std.get(name, 0.0) * ones) for name, value in parts.items()}
 
     states = scenario.states()
-    _, *partials = dataclasses.replace(radar.model, detector=Margin()).linearize_probit(
-        states.aircraft, states.radar
-    )
     snr_db = words.decibels(radar.model.snr(states.aircraft, states.radar))
-    by_owner = dict(zip(("aircraft", "radar"), partials, strict=True))
-    covariances = dict(zip(by_owner, states.squeezed[2:], strict=True))
-    variances = dict.fromkeys((*TERMS.values(), "radar_constant"), 0.0 * ones)
+    in_db = dataclasses.replace(radar.model, detector=Margin())
+    _, by_aircraft, by_radar = in_db.linearize_probit(states.aircraft, states.radar)
+    *_, cov_aircraft, cov_radar = states.squeezed
+    owners = {"aircraft": (by_aircraft, cov_aircraft), "radar": (by_radar, cov_radar)}
+    variances = dict.fromkeys(TERMS.values(), 0.0 * ones)
     for name, source in sources_of(scenario, SOURCE).items():
-        partials_of, own = by_owner[source.owner], list(source.components)
-        chosen = np.zeros_like(partials_of)
-        chosen[:, own] = partials_of[:, own]
-        term = TERMS.get(name, name)
-        variances[term] = variances[term] + variance_along(chosen, covariances[source.owner])
+        if term := TERMS.get(name):
+            gradient, covariance = owners[source.owner]
+            own = np.isin(np.arange(gradient.shape[1]), source.components)
+            of_source = variance_along(np.where(own, gradient, 0.0), covariance)
+            variances[term] = variances[term] + of_source
     distance = slant_range(scenario.aircraft, scenario.radar)
     values = {"range": -40.0 * np.log10(distance)}
     if radar.model.attenuation:
@@ -270,7 +269,7 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
         values["elevation_gain"] = words.decibels(np.exp(nepers))
     values["aircraft_rcs"] = snr_db - sum(parts.values()) - sum(values.values())
     terms |= {name: (value, SPAN * np.sqrt(variances[name])) for name, value in values.items()}
-    total = sum(variance_along(by, covariances[owner]) for owner, by in by_owner.items())
+    total = sum(variance_along(*owner) for owner in owners.values())
     return terms | {"snr": (snr_db, SPAN * np.sqrt(total))}
 
 
