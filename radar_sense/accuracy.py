@@ -31,15 +31,15 @@ LOOK = 256
 VERIFIED = 16
 #: Step in ln of a factor by a method, outwards to bracket it.
 STEP = float(np.log(4.0))
-#: Step in ln of a factor that draws confirm, half a decade, and how near it is near enough. Beside
-#: a limit in reach σ is large over more than a decade, from a third of the distance of the limit
-#: to several ranges.
+#: Step in ln of the factors that draws judge on the way to a last one, half a decade, and the width
+#: in ln of the bracket that ends their search. Beside a limit in reach σ is large over more than a
+#: decade: from errors of a third of the distance to the limit to errors of several ranges.
 WAY, NEAR = float(np.log(10.0)) / 2.0, 0.005
 #: Standard errors by which draws are sure that a limit is exceeded, and by which a factor that they
 #: alone find must meet it: a normal error is beyond 3 with a probability of 0.1 %.
 SURE, PROOF = 5.0, 3.0
-#: 3σ of the draws may exceed the limit by `NEAR` of it, their standard error, and by `STD_CHANGE`
-#: of it, as elsewhere, where these methods say it.
+#: Methods whose 3σ by draws may exceed the limit by `STD_CHANGE` of it, as elsewhere. That of other
+#: methods may exceed it by `NEAR` of it, the standard error of the draws.
 FIRST_ORDER = ("linear", "probit")
 #: `RequiredAccuracy.residual_from` where P_D at the nominal states exceeds the limit.
 P_D_ITSELF = "P_D itself"
@@ -80,10 +80,10 @@ def required_accuracies(
 ) -> dict[str, RequiredAccuracy]:
     """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
 
-    The method takes the value to grow with the source. Correlations and limits of a radar can
-    violate this. Draws look at every factor, at the deviations it leads to and, of a growth, on the
-    way. Where they disagree, they find a smaller factor that they are sure of. Where P_D itself is
-    above the limit of its bound, no accuracy is enough.
+    The search by the method assumes that the value grows with the source. Correlations and limits
+    of a radar can violate this. Draws therefore judge every factor at the deviations that it leads
+    to, and a factor above 1 also on the way there. Where they disagree, they find a smaller factor
+    that they are sure of. Where P_D itself is above the limit of its bound, no accuracy is enough.
 
     Args:
         scenario: The scenario, at its level.
@@ -197,8 +197,8 @@ class _Goal:
     ) -> tuple[float | None, bool]:
         """Return the factor if draws agree with it, else the largest one that they prove.
 
-        σ falls again where a factor scatters the states beyond a limit of a radar. A growth is
-        therefore tried on the way, too.
+        σ falls again where a factor scatters the states beyond a limit of a radar. A factor above 1
+        is therefore judged on the way there, too.
         """
         smaller = factor and factor < 1.0 and self.method == AUTOMATIC
         if smaller and self._agrees(names, 0.0, self.limit):
@@ -333,7 +333,7 @@ class _Goal:
 
 
 def _on_the_way(last: float) -> list[float]:
-    """Return ln of the factors to try up to a last one: of a growth, steps of `WAY` too."""
+    """Return ln of the factors to judge up to a last one: above 1, steps of `WAY` too."""
     return [*np.arange(0.0, last, WAY).tolist(), last]
 
 

@@ -256,8 +256,9 @@ def value_function(
 def worth_most(scenario: Scenario, budget: Budget) -> tuple[list[Contribution], float]:
     """Return what leaves the least 3σ at the pose if its deviation is halved, and what it leaves.
 
-    Several leave the same in print. The list is empty where the method has no value. Sobol' indices
-    have no value with a deviation halved: the source with the largest share is returned, and NaN.
+    It is several contributions if what they leave is the same in print, and none where the method
+    has no value. Sobol' indices do not know what a halved deviation leaves: the sources with the
+    largest share are returned, and NaN.
     """
     pose, total = budget.pose, float(budget.total.three_sigma[budget.pose])
     if scenario.method == MONTE_CARLO:
@@ -278,7 +279,7 @@ def worth_most(scenario: Scenario, budget: Budget) -> tuple[list[Contribution], 
 
 
 def _measurable(scenario: Scenario, budget: Budget) -> dict[str, Contribution]:
-    """Return the sources by name. Parts and the rest of a radar stand for one with parts."""
+    """Return the sources by name; a source with parts is replaced by its parts and its rest."""
     every, whole = sources_of(scenario), {part.part_of for part in budget.parts.values()}
     rest = {
         name: c

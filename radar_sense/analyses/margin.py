@@ -194,7 +194,9 @@ def _steps(detector: Detector) -> dict[str, Detector]:
     return steps
 
 
-def _add_margin(result: Result, snr_db: FloatArray, needed_db: float, k: float) -> list[FloatArray]:
+def _add_margin(
+    result: Result, snr_db: FloatArray, needed_db: float, k: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Add the margin with its bounds (n,), by the scenario's method, and return the three."""
     scenario = result.scenario
     (radar,) = scenario.model.radars
@@ -207,24 +209,21 @@ def _add_margin(result: Result, snr_db: FloatArray, needed_db: float, k: float) 
     lower, upper = (SPAN * ndtri(p) for p in (moments.lower, moments.upper))
     no_signal = lower + needed_db <= words.decibels(np.array(LEAST)) + 1e-6
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 0]
+    margins = snr_db - needed_db, np.where(no_signal, -np.inf, lower), upper
+    left, lower, upper = (np.where(seen, values, np.nan) for values in margins)
     words.add_axis(result.table, scenario.axis)
-    for name, values, meaning in (
-        ("", snr_db - needed_db, "SNR less the SNR that P_D needs; NaN beyond a limit."),
-        (
-            f"lower_{k:.12g}sigma_",
-            np.where(no_signal, -np.inf, lower),
-            f"Its lower {k:g}-sigma bound.",
-        ),
-        (f"upper_{k:.12g}sigma_", upper, f"Its upper {k:g}-sigma bound."),
-    ):
-        result.table.add(f"{name}margin_db", np.where(seen, values, np.nan), meaning, "dB")
+    meaning = "SNR less the SNR that P_D needs; NaN beyond a limit."
+    result.table.add("margin_db", left, meaning, "dB")
+    for end, bound in (("lower", lower), ("upper", upper)):
+        meaning = f"Its {end} {k:g}-sigma bound."
+        result.table.add(f"{end}_{k:.12g}sigma_margin_db", bound, meaning, "dB")
     missing, axis, method = ~np.isfinite(moments.std), scenario.axis, scenario.method
     without = f"the {method} band of the margin has no value"
     result.warnings += words.placed("no-value", seen & missing, axis, without)
     result.warnings += words.band_off(
         seen & off & ~missing, axis, method, " by over 0.25 dB", "0.25 dB", " of the margin"
     )
-    return list(result.table.values())[1:]
+    return left, lower, upper
 
 
 def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:

@@ -120,11 +120,15 @@ def detection_range(
     ranges = {name: detection_ranges(seen, values, method, k) for name, seen in surveys.items()}
 
     add_axis(result.table, axis)
-    columns = [(at, name) for name, of_radar in ranges.items() for at in of_radar]
-    for at, name in columns:
-        _add_bands(result.table, at, name, k)
-    for at, name in columns:
-        _add_sources(result.table, at, name)
+    columns = [  # each range with the end of its names and the start of its meanings
+        (at, f"{at.p_d:g}_{name}" if name else f"{at.p_d:g}", f"For radar {name}: " if name else "")
+        for name, of_radar in ranges.items()
+        for at in of_radar
+    ]
+    for column in columns:
+        _add_bands(result.table, *column, k)
+    for column in columns:
+        _add_sources(result.table, *column)
 
     pose = next(iter(surveys.values())).all_rays.pose
     title = f"{0.0 - pose[DOWN] / 1e3:.4g} km above the origin"
@@ -136,7 +140,7 @@ def detection_range(
         for at in of_radar:
             result.report += [f"  P_D {at.p_d:g}: {line}" for line in _lines(at, axis, k)]
         result.report += [f"  {line}" for at in of_radar for line in _exceptions(at, axis)]
-    names = list(singles) if len(singles) > 1 else []
+    names = [name for name in singles if name]
     result.summary |= {
         "by": by,
         "p_d": values,
@@ -169,9 +173,8 @@ def detection_range(
     return result
 
 
-def _add_bands(table: Table, at: RangeAt, radar: str, k: float) -> None:
+def _add_bands(table: Table, at: RangeAt, label: str, of: str, k: float) -> None:
     """Add the range and its band."""
-    label, of = _label(at, radar)
     first = f"{of}Farthest slant range with P_D {at.p_d:g}; 0 where there is none."
     table.add(f"range_m_{label}", at.slant, first, "m")
     table.add(f"sigma_range_m_{label}", at.std, f"{of}Standard deviation of this range.", "m")
@@ -180,9 +183,8 @@ def _add_bands(table: Table, at: RangeAt, radar: str, k: float) -> None:
         table.add(f"{end}_{k:.12g}sigma_m_{label}", bound, meaning, "m")
 
 
-def _add_sources(table: Table, at: RangeAt, radar: str) -> None:
+def _add_sources(table: Table, at: RangeAt, label: str, of: str) -> None:
     """Add the sources of the range, the limit of the radar, and the edges."""
-    label, of = _label(at, radar)
     for source, std in at.by_source.items():
         meaning = f"{of}Standard deviation from {source} alone, to first order."
         table.add(f"sigma_range_m_{label}_from_{source}", std, meaning, "m")
@@ -191,11 +193,6 @@ def _add_sources(table: Table, at: RangeAt, radar: str) -> None:
     table.add(f"limited_{label}", limited, meaning)
     meaning = f"{of}Number of times that P_D passes the value along the ray."
     table.add(f"edges_{label}", edges, meaning)
-
-
-def _label(at: RangeAt, radar: str) -> tuple[str, str]:
-    """Return the end of the names of columns, and the start of their meanings."""
-    return (f"{at.p_d:g}_{radar}", f"For radar {radar}: ") if radar else (f"{at.p_d:g}", "")
 
 
 def _check_values(scenario: Scenario, values: Sequence[float]) -> None:
@@ -214,13 +211,12 @@ def _check_values(scenario: Scenario, values: Sequence[float]) -> None:
 
 def _summary(at: RangeAt) -> dict[str, Any]:
     """Return the numbers of the record for one P_D."""
-    exists = at.slant > 0
     return {
         "least_m": float(at.slant.min()),
         "greatest_m": float(at.slant.max()),
         "largest_sigma_m": float(np.nanmax(at.std, initial=0.0)),
         "limited": int(np.count_nonzero(at.reach.limited)),
-        "none": int(np.count_nonzero(~exists)),
+        "none": int(np.count_nonzero(at.slant == 0)),
         "no_value": int(np.count_nonzero(np.isnan([at.std, at.lower, at.upper]).any(axis=0))),
         "share": at.shares,
     }

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.cost import EVALUATIONS, foresee
-from radar_sense.errors import InputError, check_choice
+from radar_sense.errors import InputError
 from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import join
@@ -38,9 +38,9 @@ MAX_CELLS = 25_000_000
 CELLS = 500
 #: Cells on a side in which a contour is looked for.
 _ON_A_SIDE = 61
-#: Headings in the narrowest lobe of the RCS, of a level aircraft. The nearest to the peak is a
-#: twelfth of the lobe away: 3.4 % below the peak of a half sine. Where one node of a table is above
-#: its neighbours, it is 1.5 % of these decibels below.
+#: Headings in the narrowest lobe of the RCS, of a level aircraft. The nearest is at most a twelfth
+#: of the lobe away from the peak: 3.4 % below the peak of a half sine. Beside a single high node of
+#: a table, it is below the node by 1.5 % of the decibels from the neighbours to the node.
 PER_LOBE = 6
 #: Steps of the golden section, which shrink the bracket to 1 in 16,000.
 _SECTIONS = 20
@@ -195,7 +195,6 @@ def upper_bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
     A method leaves out that an error may bring the aircraft within the limits of a radar. Where an
     error of βσ of the positions may, the radar has no limits here, and the bound is too high.
     """
-    check_choice("method", method, METHODS)
     states = scenario.states()
     bound, sight = np.zeros(len(states)), states.sight_within(beta)
     for rows, part in states.by_sight(np.where(sight == NEVER, NEVER, ALWAYS)):
