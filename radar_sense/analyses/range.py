@@ -24,7 +24,7 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.cost import foresee
-from radar_sense.coverage.ranges import PRECISION, RangeAt, detection_ranges, limit_of_radar
+from radar_sense.coverage.ranges import PRECISION, RangeAt, limit_of_radar, range_at
 from radar_sense.coverage.rays import EVALUATIONS, FARTHEST, rays, survey
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
@@ -117,7 +117,10 @@ def detection_range(
         name: survey(rays(single, np.deg2rad(angle_deg), **options))
         for name, single in singles.items()
     }
-    ranges = {name: detection_ranges(seen, values, method, k) for name, seen in surveys.items()}
+    ranges = {
+        name: [range_at(seen, value, method, k) for value in values]
+        for name, seen in surveys.items()
+    }
 
     add_axis(result.table, axis)
     columns = [  # each range with the end of its names and the start of its meanings

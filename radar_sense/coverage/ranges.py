@@ -78,15 +78,11 @@ class RangeAt:
         return {name: float(np.mean(v[known] / total[known])) for name, v in variances.items()}
 
 
-def detection_ranges(seen: Survey, values: list[float], method: str, k: float) -> list[RangeAt]:
-    """Return the detection range for each P_D, with σ, and a band of kσ by a method.
+def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
+    """Return the detection range for a P_D, with σ, and a band of kσ by a method.
 
     By linear, σ is σ of P_D divided by the slope of P_D.
     """
-    return [_range_at(seen, value, method, k) for value in values]
-
-
-def _range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     around, reach = seen.all_rays, seen.reach(value)
     exists = ~np.isnan(reach.distance)
     slant = around.slant_range(np.nan_to_num(reach.distance))

@@ -13,7 +13,7 @@ from scipy.special import ndtr
 import radar_sense as rs
 from radar_sense.analyses.range import detection_range
 from radar_sense.axis import Axis
-from radar_sense.coverage.ranges import detection_ranges
+from radar_sense.coverage.ranges import range_at
 from radar_sense.coverage.rays import FARTHEST, rays, survey
 from radar_sense.model.horizon import horizon_range
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
@@ -31,8 +31,7 @@ def column(result, name):
 def on_rays(s, *bearings_deg, p_d=0.5):
     """The range by `automatic` on some rays: the rows of a table, which has four at least."""
     seen = survey(rays(s, np.deg2rad(bearings_deg), by_aspect=False, down=None, course=None))
-    (found,) = detection_ranges(seen, [p_d], "automatic", 3.0)
-    return found
+    return range_at(seen, p_d, "automatic", 3.0)
 
 
 @pytest.mark.parametrize(("constant", "km"), [(50, 399.513), (20, 317.721)])
