@@ -76,14 +76,11 @@ def _constants(scenario: Scenario) -> list[str]:
     """Return the number of poses, and the radar constants with their distributions."""
     names, constants = scenario.model.names, scenario.radar_states[:, CONSTANT]
     poses = f"{len(scenario.aircraft)} poses"
+    shown = [f"c_r = {constant:g} J m^2/K" for constant in constants]
+    lines = [f"{poses}, {shown[0]}"]
     if names:
         lines = [f"{poses}, {len(names)} radar{'s' if len(names) > 1 else ''}"]
-        lines += [
-            f"{name}: c_r = {constant:g} J m^2/K"
-            for name, constant in zip(names, constants, strict=True)
-        ]
-    else:
-        lines = [f"{poses}, c_r = {constants[0]:g} J m^2/K"]
+        lines += [f"{name}: {text}" for name, text in zip(names, shown, strict=True)]
     prefixes = [f"{name}, " for name in names] if len(names) > 1 else [""]
     for level in scenario.levels:
         tolerances = [radar.levels[level].tolerances for radar in scenario.radars]

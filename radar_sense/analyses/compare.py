@@ -31,7 +31,6 @@ from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import METHODS, MONTE_CARLO, Moments, propagate_scenario
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray
 
 #: Draws with emphasis on the tails of all poses and radars together, about a second; and least and
 #: most draws at a pose.
@@ -111,7 +110,7 @@ def compare(
     told = []
     for method, m in moments.items():
         found = {name: _difference(m, drawn, error, ends, axis) for name, ends in COMPARED.items()}
-        largest[method] = {name: words.peak(far, axis) for name, (far, *_) in found.items()}
+        largest[method] = {name: top for name, (top, *_) in found.items()}
         cells = "".join(f"{text:28}" for *_, text in found.values())
         result.report.append(f"  {method:10} {cells.rstrip()}")
         if not plain and any(tells for _, tells, _ in found.values()):
@@ -175,8 +174,8 @@ def _draw_tails(scenario: Scenario, k: float) -> tuple[int, DrawStatistics, Draw
 
 def _difference(
     m: Moments, drawn: DrawStatistics, error: DrawStatistics, names: Sequence[str], axis: Axis
-) -> tuple[FloatArray, bool, str]:
-    """Return the largest difference (n,) of values from those by draws, NaN without a value.
+) -> tuple[dict[str, Any], bool, str]:
+    """Return the largest difference of values from those by draws, with its places.
 
     Whether the draws tell a difference from their noise at any pose follows, and the largest in
     words.
@@ -185,11 +184,11 @@ def _difference(
         np.stack([getattr(x, name) for name in names]) for x in (m, drawn, error)
     )
     distance, noise = abs(values - by_draws), np.maximum(ERRORS * noise, words.SHOWN)
-    largest, told = distance.max(axis=0), (distance > noise).any(axis=0)
-    if np.isnan(largest).all():
-        return largest, False, "undefined"
-    text = words.describe_extreme(words.peak(largest, axis), axis)
-    return largest, bool(told.any()), text if told.any() else f"{text} (noise)"
+    top, told = words.peak(distance.max(axis=0), axis), bool((distance > noise).any())
+    if np.isnan(top["value"]):
+        return top, False, "undefined"
+    text = words.describe_extreme(top, axis)
+    return top, told, text if told else f"{text} (noise)"
 
 
 def _draw(
