@@ -284,6 +284,7 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     # straight above a radar there is no gradient: one cell a radar needs no words
     if np.count_nonzero(np.isnan(values)) > len(scenario.radars):
         plotting.add_small_print(figure, "red: no value")
+    low, high = np.nanmin(values, initial=1), np.nanmax(values, initial=0)
     k = result.summary.get("k", 3.0)
     name = rf"Upper ${k:g}\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
     of_headings = "Largest $P_D$ over all headings"
@@ -291,26 +292,19 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
         image,
         ax=axes,
         label=name if bounded else of_headings if worst else r"Probability of detection $P_D$",
-        extend="max" if np.nanmax(values, initial=0) > 1 else "neither",
+        extend="max" if high > 1 else "neither",
         fraction=0.05,
         pad=0.03,
     )
-    levels = result.summary["contours"]
-    drawn = [v for v in levels if np.nanmin(values, initial=1) < v < np.nanmax(values, initial=0)]
+    levels, thin = result.summary["contours"], plotting.points(0.8)
+    drawn = {v: "white" if v < 0.6 else "black" for v in levels if low < v < high}
     if drawn:
-        lines = axes.contour(
-            east,
-            north,
-            values,
-            drawn,
-            colors=["white" if v < 0.6 else "black" for v in drawn],
-            linestyles="-",
-            linewidths=plotting.points(0.8),
-        )
+        style: dict[str, Any] = {"linestyles": "-", "linewidths": thin}
+        lines = axes.contour(east, north, values, [*drawn], colors=[*drawn.values()], **style)
         if len(scenario.model.names) <= 3:  # labels of more radars would cover the contours
             axes.clabel(lines, fmt="%g", fontsize=plotting.points(6.5))
-        for v in drawn:
-            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=plotting.points(0.8))
+        for v, colour in drawn.items():
+            bar.ax.axhline(v, color=colour, lw=thin)
     poses, radars = scenario.aircraft / 1e3, scenario.radar_states / 1e3
     label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
     plotting.coloured_line(axes, poses[:, 1], poses[:, 0], route, colours, label)
