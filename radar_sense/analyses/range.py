@@ -279,7 +279,7 @@ def _draw(
     figure: Figure,
     angle_deg: FloatArray,
     ranges: Mapping[str, Sequence[RangeAt]],
-    limits: Mapping[str, FloatArray | None],
+    limits: Mapping[str, FloatArray],
     by: str,
     title: str,
     label: str,
@@ -307,10 +307,10 @@ def _draw(
             panel.plot(*reach, color=colour, ls=dashes, label=rf"$P_D$ = {at.p_d:g}")
         # the data set the radius, and not a limit far beyond them
         farthest = 1.15 * max(float(np.nanmax([at.slant, at.upper])) for at in of_radar) / 1e3
-        limit = limits[name]
-        if limit is not None and limit.min() / 1e3 < farthest:
+        limit = limits[name] / 1e3
+        if limit.min() < farthest:
             panel.plot(
-                *_closed(angle, limit / 1e3),
+                *_closed(angle, limit),
                 color="0.35",
                 lw=plotting.points(0.8),
                 ls=":",

@@ -93,10 +93,8 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     budget = error_budget(around.at(distance))
     if method == "linear":
         std = budget.total.std / abs(slope)
-        limit = limit_of_radar(seen)
-        farthest = np.inf if limit is None else limit
-        middle = around.slant_range(distance)
-        lower, upper = (np.clip(middle + sign * k * std, 0.0, farthest) for sign in (-1, 1))
+        middle, limit = around.slant_range(distance), limit_of_radar(seen)
+        lower, upper = (np.clip(middle + sign * k * std, 0.0, limit) for sign in (-1, 1))
         unreliable = _unreliable(around, [np.where(exists, distance, np.nan)], "probit", k)
     else:
         lower, upper, std, unreliable = _band(seen, value, slant, method, k)
@@ -221,8 +219,8 @@ def _slope(around: Rays, distance: FloatArray) -> FloatArray:
     return slope
 
 
-def limit_of_radar(seen: Survey) -> FloatArray | None:
-    """Return the slant range (n,) of the limit of the radar; None if no limit is reached."""
+def limit_of_radar(seen: Survey) -> FloatArray:
+    """Return the slant range (n,) of the limit of the radar; infinite if no limit is reached."""
     if seen.visible[:, -1].all():
-        return None
+        return np.full(len(seen.visible), np.inf)
     return seen.all_rays.slant_range(np.nan_to_num(seen.limit))
