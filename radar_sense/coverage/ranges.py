@@ -84,8 +84,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     By linear, σ is σ of P_D divided by the slope of P_D.
     """
     around, reach = seen.all_rays, seen.reach(value)
-    exists = ~np.isnan(reach.distance)
-    slant = around.slant_range(np.nan_to_num(reach.distance))
+    exists, slant = reach.distance > 0, around.slant_range(reach.distance)
     # Where a limit comes first, the band is computed without the limit and cut off there.
     distance = np.where(exists, seen.reach(value, limits=False).distance, FARTHEST)
     slope = _slope(around, distance)
@@ -95,7 +94,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         std = budget.total.std / abs(slope)
         middle, limit = around.slant_range(distance), limit_of_radar(seen)
         lower, upper = (np.clip(middle + sign * k * std, 0.0, limit) for sign in (-1, 1))
-        unreliable = _unreliable(around, [np.where(exists, distance, np.nan)], "probit", k)
+        unreliable = _unreliable(around, [np.where(exists, distance, 0.0)], "probit", k)
     else:
         lower, upper, std, unreliable = _band(seen, value, slant, method, k)
     defined = exists & ~reach.limited
@@ -223,4 +222,4 @@ def limit_of_radar(seen: Survey) -> FloatArray:
     """Return the slant range (n,) of the limit of the radar; infinite if no limit is reached."""
     if seen.visible[:, -1].all():
         return np.full(len(seen.visible), np.inf)
-    return seen.all_rays.slant_range(np.nan_to_num(seen.limit))
+    return seen.all_rays.slant_range(seen.limit)

@@ -157,7 +157,7 @@ class Reach:
     """How far the rays reach a value of P_D.
 
     Attributes:
-        distance: Farthest distance with at least this P_D (n,) [m]; NaN where there is none.
+        distance: Farthest distance with at least this P_D (n,) [m]; 0 where there is none.
         limited: Where (n,) a limit of the radar comes first, and P_D is still higher there.
         edges: How often (n,) P_D passes the value along a ray without limits.
     """
@@ -201,14 +201,14 @@ class Survey:
         near, far = _farthest(inside, self.distance, reaches)
         distance = np.sqrt(near * far)
         # P_D at or above the value beyond the edge means that a limit made the edge.
-        beyond = rays.p_d(np.where(np.isnan(far), NEAREST, far)[:, np.newaxis])[:, 0] >= p_d
-        limited = beyond & ~np.isnan(distance)
+        beyond = rays.p_d(np.maximum(far, NEAREST)[:, np.newaxis])[:, 0] >= p_d
+        limited = beyond & (distance > 0)
         edges = np.count_nonzero(np.diff(self.p_d >= p_d, axis=1), axis=1)
         return Reach(distance, limited, edges)
 
     @functools.cached_property
     def limit(self) -> FloatArray:
-        """The farthest distance (n,) [m] within the limits; NaN where there is none."""
+        """The farthest distance (n,) [m] within the limits; 0 where there is none."""
         near, far = _farthest(self.visible, self.distance, self.all_rays.visible)
         return np.sqrt(near * far)
 
@@ -240,8 +240,7 @@ def reach_of_quantile(seen: Survey, value: float, method: str, beta: float) -> F
     def bound(rays: Rays, distance: FloatArray) -> FloatArray:
         return rays.quantile(distance, method, beta)
 
-    limit = np.nan_to_num(seen.limit)
-    found = reach_of_bound(seen, first_guess(seen, value, beta), value, limit, bound)
+    found = reach_of_bound(seen, first_guess(seen, value, beta), value, seen.limit, bound)
     inside = np.maximum(found, NEAREST)[:, np.newaxis] * INSIDE
     found[(found > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0.0
     return found
@@ -321,7 +320,7 @@ def reach_of_bound(
 def _farthest(
     inside: NDArray[np.bool_], distance: FloatArray, reaches: Reaches
 ) -> tuple[FloatArray, FloatArray]:
-    """Return brackets (n,) of the farthest distance that is inside; NaN where none is.
+    """Return brackets (n,) of the farthest distance that is inside; 0 where none is.
 
     Where the last sample is inside, both ends are the last distance.
 
@@ -338,7 +337,7 @@ def _farthest(
         still = reaches(middle[:, np.newaxis])[:, 0]
         near, far = np.where(still, middle, near), np.where(still, far, middle)
     nowhere = ~inside.any(axis=1)
-    near[nowhere] = far[nowhere] = np.nan
+    near[nowhere] = far[nowhere] = 0.0
     return near, far
 
 
