@@ -92,9 +92,9 @@ def required_accuracies(
         method: Method of propagation.
 
     Returns:
-        The accuracy required of each source, of position and constant of a radar of a network that
-        is enough alone, and of each part of a radar constant. The other sources are unchanged.
-        "all" scales all sources together.
+        The accuracy required of each source and of each part of a radar constant, and in a network
+        of position, constant and further parameters of each radar that is enough alone. The other
+        sources are unchanged. "all" scales all sources together.
     """
     every = sources_of(scenario)
     p_d = scenario.p_d()

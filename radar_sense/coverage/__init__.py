@@ -1,1 +1,1 @@
-"""P_D over an area: cells of a map, rays from a radar, and export of a map."""
+"""P_D over an area: in the cells of a map, and along rays from a radar."""
