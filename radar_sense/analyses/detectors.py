@@ -17,7 +17,6 @@ from radar_sense.model.detectors import (
     DETECTORS,
     Detector,
     Marcum,
-    PulseDetector,
     Swerling1,
     Swerling2,
     Swerling3,
@@ -137,8 +136,7 @@ def _required(scenario: Scenario) -> tuple[list[dict[str, Any]], list[str]]:
         lines.append(f"  P_fa {p_fa:<8g}{'':22}{heads}")
         compared: list[Detector] = [cls(pulses=pulses) for cls in INTEGRATING for pulses in PULSES]
         for model in scenario.model.models:
-            plain = isinstance(model.detector, PulseDetector) and model.detector in compared
-            if model.p_fa == p_fa and not plain:
+            if model.p_fa == p_fa and model.detector not in compared:
                 compared.append(model.detector)
         for detector in compared:
             name, cells = describe_detector(detector), ""

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from radar_sense import words
+from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import PathTest, path_test
 from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, sigmas, worst_band
 from radar_sense.axis import Axis, steps
@@ -154,6 +155,8 @@ def _add_tests(
         share = words.probability(above.probability.max())
         shown = f"{share} at most" if above.counts.max() else f"in none of {above.runs:,} runs"
         chance = f"P(P_D > {tested.test.p_max:g}) {shown}"
+        if not tested.path.resolved:
+            chance = refinement.unresolved()
         worst = tested.path.scenario.axis.at(tested.worst)
         lines.append(f"{worst_band(tested, k)} at {worst}, {chance}  {tested.test.verdict}")
     return lines

@@ -18,6 +18,17 @@ CELLS = {"type": "cell_averaging", "cells": 24}
 DETECTOR = {"model": "swerling2", "pulses": 10, "cfar": CELLS}
 
 
+@pytest.mark.parametrize("detector", ["north", "swerling1", DETECTOR])
+def test_a_detector_that_radars_share_is_compared_once(detector):
+    content = yaml.safe_load((ROOT / "configs/network.yaml").read_text(encoding="utf-8"))
+    for radar in content["radars"]:
+        radar |= {"p_fa": 1e-6, "detector": detector}
+    s = rs.parse_scenario(yaml_text(content)).at_poses(slice(0, 1))
+    rows = rs.analyses.detectors(s).summary["required_snr"]
+    compared = [(row["detector"], row["p_d"]) for row in rows]
+    assert len(compared) == len(set(compared))
+
+
 def test_detectors_of_two_radars():
     """The first radar integrates. The second has a P_fa at which North's approximation is low."""
     content = yaml.safe_load((ROOT / "configs/network.yaml").read_text(encoding="utf-8"))
