@@ -12,7 +12,7 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
@@ -36,7 +36,6 @@ from radar_sense.limits import FORMATS, STYLES, Limit
 
 if TYPE_CHECKING:
     from radar_sense.command import Command, Option
-    from radar_sense.progress import Listener
     from radar_sense.scenario import Scenario
 
 #: Groups of commands in the help, and the commands in the order of their use.
@@ -86,12 +85,6 @@ STYLE = click.Option(
 NO_PLOT = click.Option(["--no-plot"], is_flag=True, help="Write no figure.")
 JSON = click.Option(["--json"], is_flag=True, help="Print the record in place of the words.")
 QUIET = click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors.")
-
-
-class BadInput(click.ClickException):
-    """Input that the user can correct; one line and exit code 2."""
-
-    exit_code = 2
 
 
 @dataclass
@@ -182,6 +175,9 @@ class Cli(click.Group):
         except click.ClickException as error:
             _complain(f"Error: {error.format_message()}")
             code = error.exit_code
+        except (InputError, ComputationError, FigureError) as error:
+            _complain(f"Error: {error}")
+            code = 2 if isinstance(error, InputError) else 1
         except (click.Abort, KeyboardInterrupt):
             _complain(f"Interrupted; {run.written}.")
             code = 130
@@ -295,18 +291,17 @@ def _option(analysis: Command, option: Option) -> click.Option:
     default = option.default_text and f"  [default: {option.default_text}]"
     # a default in words stands for one that is no single value
     value = None if default else analysis.defaults.get(option.name)
-    several: dict[str, Any] = {} if option.count == 1 else {"nargs": option.count}
     return click.Option(
         [f"--{option.name.replace('_', '-')}"],
         help=option.help + default,
         is_flag=option.flag,
         multiple=option.multiple,
+        nargs=option.count,
         metavar=None if option.flag else option.metavar,
-        type=_type(option),
+        type=option.limit and Number(option.limit),
         default=value,
         show_default=value is not None and not option.flag,
         shell_complete=lambda ctx, _, start: [w for w in option.choices if w.startswith(start)],
-        **several,
     )
 
 
@@ -323,11 +318,9 @@ def _arguments(analysis: Command) -> Iterator[click.Argument]:
     yield click.Argument(["config"], nargs=-1, type=file, metavar="[CONFIG]", callback=one)
     for option in analysis.options:
         if option.positional:
-            yield click.Argument([option.name], metavar=option.metavar, type=_type(option))
-
-
-def _type(option: Option) -> Number | None:
-    return None if option.limit is None else Number(option.limit)
+            yield click.Argument(
+                [option.name], metavar=option.metavar, type=option.limit and Number(option.limit)
+            )
 
 
 def _output(analysis: Command) -> list[click.Parameter]:
@@ -370,19 +363,19 @@ def _run(
     logging.getLogger("matplotlib").setLevel(logging.CRITICAL)
     chosen = {name: value for name, value in options.items() if value not in (None, ())}
     formats = () if no_plot else tuple(dict.fromkeys(formats))
-    with _refusals():
-        scenario = _scenario(config, changes)
-        selected = analysis.selected(scenario, **chosen)
-    if scenario.origin is None and set(formats) - set(FORMATS):
-        raise BadInput(
-            f"--format {' and '.join(sorted(set(formats) - set(FORMATS)))}: needs geometry.origin, "
+    scenario = _scenario(config, changes)
+    selected = analysis.selected(scenario, **chosen)
+    on_earth = sorted({*formats}.difference(FORMATS))
+    if on_earth and scenario.origin is None:
+        raise click.UsageError(
+            f"--format {' and '.join(on_earth)}: needs geometry.origin, "
             "which scenarios with a route in latitude and longitude have"
         )
     if analysis.endings:
         stem = f"{selected.name}_{analysis.name}"
         paths = [out / f"{stem}.{ending}" for ending in (*analysis.endings, *formats)]
         _require_writable(out, paths, _inputs(config, scenario))
-    with _refusals(), _computing(analysis, workers, dask, quiet) as computing:
+    with _computing(analysis, workers, dask, quiet) as computing:
         result = analysis(scenario, **chosen, **computing)
     written: list[Path] = []
     failure = None
@@ -403,7 +396,7 @@ def _run(
         for warning in result.warnings:
             _complain(f"Warning: {warning}")
     if failure is not None:
-        raise click.ClickException(str(failure))
+        raise failure
     if not result.passed:
         raise click.exceptions.Exit(ANSWER_IS_NO)
 
@@ -415,7 +408,7 @@ def _require_writable(out: Path, paths: list[Path], inputs: list[Path]) -> None:
     try:
         require_writable(paths, inputs)
     except (OSError, ValueError) as error:
-        raise BadInput(f"--out: cannot write to {out}: {reason(error)}") from error
+        raise click.UsageError(f"--out: cannot write to {out}: {reason(error)}") from error
 
 
 def _interrupts_are_exceptions() -> None:
@@ -466,24 +459,27 @@ def init(file: Path, name: str | None, quiet: bool, **kinds: bool) -> None:
 
     chosen = [kind for kind, flag in kinds.items() if flag]
     if len(chosen) + (name is not None) > 1:
-        raise BadInput("--network, --route, --data-sheet and --from exclude each other; give one")
-    with _refusals():
-        source = starters.template("".join(chosen)) if name is None else starters.example(name)
-        contents = starters.files(source, file)
+        raise click.UsageError(
+            "--network, --route, --data-sheet and --from exclude each other; give one"
+        )
+    source = starters.template("".join(chosen)) if name is None else starters.example(name)
+    contents = starters.files(source, file)
     if str(file) == "-":
         if len(contents) > 1:
-            raise BadInput("this scenario has files beside it, and - is the terminal; give a name")
+            raise click.UsageError(
+                "this scenario has files beside it, and - is the terminal; give a name"
+            )
         click.echo(source.read_text(encoding="utf-8"), nl=False)
         return
     paths = [file.parent / name for name in contents]
     for path in paths:
         if os.path.lexists(path):
-            raise BadInput(f"{path}: exists already; choose another name")
+            raise click.UsageError(f"{path}: exists already; choose another name")
     new_folder = not file.parent.exists()
     try:
         write(file.parent, {name: text.encode() for name, text in contents.items()})
     except (OSError, ValueError) as error:  # ValueError: a zero byte in a name
-        raise BadInput(f"{file}: cannot be written: {reason(error)}") from error
+        raise click.UsageError(f"{file}: cannot be written: {reason(error)}") from error
     if not quiet:
         first, *others = map(str, paths)
         beside = f", with {' and '.join(others)}" if others else ""
@@ -507,13 +503,12 @@ def diff(first: Path, second: Path) -> None:
     from radar_sense import differences
     from radar_sense.scenario_file.text_file import read_text
 
-    with _refusals():
-        records = [
-            differences.parsed(read_text(path, "a record", MOST_RECORD), str(path))
-            for path in (first, second)
-        ]
-        for line in differences.compared(*records):
-            click.echo(printable(line))
+    records = [
+        differences.parsed(read_text(path, "a record", MOST_RECORD), str(path))
+        for path in (first, second)
+    ]
+    for line in differences.compared(*records):
+        click.echo(printable(line))
 
 
 @cli.command(cls=OneCommand)
@@ -538,20 +533,9 @@ def _scenario(config: Path | None, changes: tuple[str, ...]) -> Scenario:
         key, equals, value = text.partition("=")
         if not equals or key in values:
             problem = "is given twice; give it once" if equals else "must be KEY=VALUE"
-            raise BadInput(f"--set {text}: {problem}")
+            raise click.UsageError(f"--set {text}: {problem}")
         values[key] = value
     return load_scenario(config, values)
-
-
-@contextmanager
-def _refusals() -> Iterator[None]:
-    """Turn the errors of the package into errors of the command line."""
-    try:
-        yield
-    except InputError as error:
-        raise BadInput(str(error)) from error
-    except ComputationError as error:
-        raise click.ClickException(str(error)) from error
 
 
 @contextmanager
@@ -559,13 +543,9 @@ def _computing(
     analysis: Command, workers: int | None, dask: str | None, quiet: bool
 ) -> Iterator[Mapping[str, Any]]:
     """Return the arguments for threads and cluster, and show the progress on a terminal."""
-    from radar_sense.progress import listening
-
     with ExitStack() as stack:
         if not quiet and sys.stderr is not None and sys.stderr.isatty():
-            listener, clear = display(analysis.name)
-            stack.enter_context(listening(listener))
-            stack.callback(clear)
+            stack.enter_context(_progress_shown(analysis.name))
         if dask is not None:
             from radar_sense.montecarlo.cluster import cluster
 
@@ -577,12 +557,15 @@ def _computing(
             yield {}
 
 
-def display(name: str) -> tuple[Listener, Callable[[], None]]:
-    """Return a listener that shows steps on one line of standard error, and what clears it."""
+@contextmanager
+def _progress_shown(name: str) -> Iterator[None]:
+    """Show the steps of a computation on one line of standard error, and clear it at the end."""
+    from radar_sense.progress import listening
+
     started = {"": time.monotonic()}
     shown, width = started[""], 0
 
-    def listener(what: str, done: int, total: int) -> None:
+    def show(what: str, done: int, total: int) -> None:
         nonlocal shown, width
         now = time.monotonic()
         begun = started.setdefault(what, now)
@@ -595,8 +578,9 @@ def display(name: str) -> tuple[Listener, Callable[[], None]]:
         click.echo(f"\r{text:{width}}", nl=False, err=True)
         width = len(text)
 
-    def clear() -> None:
+    try:
+        with listening(show):
+            yield
+    finally:
         if width:
             click.echo(f"\r{'':{width}}\r", nl=False, err=True)
-
-    return listener, clear
