@@ -32,7 +32,7 @@ from radar_sense.axis import Axis, runs_of
 from radar_sense.errors import check_choice
 from radar_sense.limits import STYLES as STYLE_NAMES
 from radar_sense.states import FloatArray
-from radar_sense.units import ascii_unit, without_unit
+from radar_sense.units import ascii_unit, split_unit
 
 
 class Style(NamedTuple):
@@ -392,8 +392,8 @@ def pose_lines(figure: Figure, axis: Axis, lines: Sequence[PoseLine], label: str
 
 def key_in_words(key: str) -> str:
     """Return the name of a key in words, with its unit if the name ends with one."""
-    unit = ascii_unit(key)
-    return without_unit(key).replace("_", " ") + (f" [{unit}]" if unit else "")
+    words, unit = split_unit(key)[0].replace("_", " "), ascii_unit(key)
+    return f"{words} [{unit}]" if unit else words
 
 
 class DisplayUnit(NamedTuple):

@@ -22,34 +22,30 @@ UNITS = {
 }
 
 
-def unit_name(name: str) -> str:
-    """Return the unit at the end of a name; "" without a unit.
+def split_unit(name: str) -> tuple[str, str]:
+    """Return a name without the unit at its end, and the unit; "" without a unit.
 
     Examples are `range_km`, `db_per_km`, and `position_m[1]`, an entry of a list.
     """
     if name.endswith("]"):
-        return unit_name(name.rpartition("[")[0])
+        of_list, bracket, entry = name.rpartition("[")
+        stem, unit = split_unit(of_list)
+        return f"{stem}{bracket}{entry}", unit
     if name.endswith("_m_s"):
-        return "m/s"
-    stem, _, unit = name.rpartition("_")
+        return name.removesuffix("_m_s"), "m/s"
+    stem, _, last = name.rpartition("_")
     if stem.endswith("_per"):
-        return f"{unit_name(stem.removesuffix('_per'))}/{UNITS.get(unit, unit)}"
-    return UNITS.get(unit, "") if stem else ""
+        stem, unit = split_unit(stem.removesuffix("_per"))
+        return stem, f"{unit}/{UNITS.get(last, last)}"
+    unit = UNITS.get(last, "") if stem else ""
+    return (stem, unit) if unit else (name, "")
+
+
+def unit_name(name: str) -> str:
+    """Return the unit at the end of a name; "" without a unit."""
+    return split_unit(name)[1]
 
 
 def ascii_unit(name: str) -> str:
     """Return the unit at the end of a name in ASCII, for terminals and figures: `deg`, `m^2`."""
     return unit_name(name).translate({ord("°"): "deg", ord("µ"): "u", ord("²"): "^2"})
-
-
-def without_unit(name: str) -> str:
-    """Return a name without the unit at its end."""
-    if not unit_name(name):
-        return name
-    if name.endswith("]"):
-        of_list, bracket, entry = name.rpartition("[")
-        return f"{without_unit(of_list)}{bracket}{entry}"
-    if name.endswith("_m_s"):
-        return name.removesuffix("_m_s")
-    stem = name.rpartition("_")[0]
-    return without_unit(stem.removesuffix("_per")) if stem.endswith("_per") else stem
