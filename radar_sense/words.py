@@ -207,8 +207,8 @@ def describe_span(low: Mapping[str, Any], high: Mapping[str, Any], axis: Axis) -
         return f"P_D runs from {describe_extreme(low, axis)} to {describe_extreme(high, axis)}"
     if len(axis) == 1:
         return f"P_D is {describe_extreme(high, axis)}"
-    known = f"at every {axis.places.removesuffix('s')}"
-    known = known if len(high[axis.key]) == len(axis) else "wherever it has a value"
+    everywhere = len(high[axis.key]) == len(axis)
+    known = f"at every {axis.places.removesuffix('s')}" if everywhere else "wherever it has a value"
     return f"P_D is {probability(high['value'])} {known}"
 
 
@@ -409,14 +409,10 @@ def level_and_method(level: str, method: str) -> str:
 
 
 def validity_warnings(
-    scenario: Scenario, moments: Moments, method: str, remedy: str = "", k: float = 3.0
+    scenario: Scenario, moments: Moments, method: str, remedy: str = REMEDY, k: float = 3.0
 ) -> Iterator[str]:
-    """Yield where the band of a method is off, or not precise, and what to use there.
-
-    Without a remedy this is another method.
-    """
+    """Yield where the band of a method is off, or not precise, and what to use there."""
     off = unreliable_in_scenario(scenario, moments, method=method, beta=k)
-    remedy = remedy or REMEDY
     outside, axis = ((moments.lower < 0) | (moments.upper > 1)) & ~off, scenario.axis
     yield from _of_std(axis, moments.std, off, method, remedy)
     yield from placed("band-outside", outside, axis, f"the {method} {k:g}-sigma band leaves [0, 1]")
@@ -500,14 +496,11 @@ def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     lines = []
     for texts in by_name.values():
         (first, text), differ = next(iter(texts.items())), len(set(texts.values())) > 1
-        lines.append(f"{_few(list(texts))}{f', here {first}' if differ else ''}: {text}")
+        labels = list(texts)
+        if len(labels) > NAMED:
+            labels[NAMED - 1 :] = [f"{len(labels) - NAMED + 1} more"]
+        lines.append(f"{listed(labels)}{f', here {first}' if differ else ''}: {text}")
     return tuple(lines)
-
-
-def _few(names: Sequence[str]) -> str:
-    if len(names) > NAMED:
-        names = [*names[: NAMED - 1], f"{len(names) - NAMED + 1} more"]
-    return listed(names)
 
 
 def clipping_warnings(count: int) -> Iterator[str]:
@@ -531,6 +524,8 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> Iterator[str]
         if not isinstance(table, TableRCS) or table.elevation is None:
             continue
         low, high = table.elevation[[0, -1]]
+        # nothing is beyond a pole
+        least, most = low if low > -POLE else -np.inf, high if high < POLE else np.inf
         by_radar = square_root(one.levels[scenario.level].covariance).T
         variance = np.zeros(len(aircraft))
         for a, r in (*((a, 0.0) for a in by_aircraft), *((0.0, r) for r in by_radar)):
@@ -538,14 +533,12 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> Iterator[str]
             above, below = map(elevation_of, ends)
             variance += (0.5 * (above - below)) ** 2
         elevation, std = elevation_of(body_vector(aircraft, radar)), np.sqrt(variance)
-        beyond = (elevation - 3 * std < low) & (low > -POLE)
-        beyond |= (elevation + 3 * std > high) & (high < POLE)
+        beyond = (elevation - 3 * std < least) | (elevation + 3 * std > most)
         outside |= beyond
         if beyond.any():
             covered.append(f"{np.rad2deg(low):g} to {np.rad2deg(high):g}")
         with np.errstate(divide="ignore", invalid="ignore"):
-            below, above = ndtr((low - elevation) / std), ndtr((elevation - high) / std)
-        share += np.nansum(np.where(low > -POLE, below, 0.0) + np.where(high < POLE, above, 0.0))
+            share += np.nansum(ndtr((least - elevation) / std) + ndtr((elevation - most) / std))
     if covered:
         draws = "" if runs is None else f"about {runs * share:,.0f} draws, "
         yield warning(
