@@ -351,8 +351,7 @@ class Command:
 
     def __post_init__(self) -> None:
         functools.update_wrapper(self, self.run)  # for `help` and `inspect.signature`
-        self.__name__ = self.run.__name__
-        self.name = self.name or self.__name__
+        self.name = self.name or self.run.__name__
         signature = inspect.signature(self.run)
         scenario, *own = signature.parameters.values()
         self.defaults: dict[str, Any] = {p.name: p.default for p in own}

@@ -120,7 +120,7 @@ _PICTURE = 800, 400
 #: Names of the angles of `set_compass`: bearings, and azimuths in the body frame.
 BEARINGS = ("N", "45", "E", "135", "S", "225", "W", "315")
 ASPECTS = ("nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45")
-#: Part of the radius within which a line runs through the number of a ring.
+#: A line this near to the number of a ring, in parts of the radius, would run through it.
 _BESIDE = 0.12
 #: Lines of more points are pixels in a PDF or SVG, where a million points take 10 MB.
 MOST_POINTS = 10_000
@@ -307,9 +307,9 @@ def contour_lines(
     return [np.asarray(line, dtype=float) for line in lines]
 
 
-def hex_colour(value: float, name: str) -> str:
-    """Return the colour as #rrggbb of a value from 0 to 1; other values have the end colours."""
-    return mpl.colors.to_hex(mpl.colormaps[name](np.clip(value, 0.0, 1.0)))
+def hex_colour(p_d: float) -> str:
+    """Return the colour of P_D on a map as #rrggbb; a bound above 1 has the colour of 1."""
+    return mpl.colors.to_hex(colours_of_p_d()(p_d))
 
 
 def panels(figure: Figure, count: int) -> list[Axes]:
@@ -468,27 +468,27 @@ def coloured_line(
 
     A black edge with a white rim keeps the line visible on a map of the same colours.
     """
-    corners = np.column_stack([x, y])
-    middles = 0.5 * (values[1:] + values[:-1])
-    rims = [
-        withStroke(linewidth=points(w), foreground=c) for w, c in ((4.2, "white"), (3.2, "black"))
-    ]
-    if len(corners) == 1:
+    if len(x) == 1:
         axes.scatter(
             x, y, c=values, cmap=colours, vmin=0, vmax=1, s=points(4) ** 2, ec="black", label=label
         )
         return
+    corners = np.column_stack([x, y])
+    rims = [
+        withStroke(linewidth=points(w), foreground=c) for w, c in ((4.2, "white"), (3.2, "black"))
+    ]
     line = LineCollection(
         list(np.stack([corners[:-1], corners[1:]], axis=1)),
-        array=middles,
+        array=0.5 * (values[1:] + values[:-1]),
         cmap=colours,
         clim=(0, 1),
         linewidths=points(1.8),
         capstyle="round",
-        rasterized=len(corners) > MOST_POINTS,
+        rasterized=len(x) > MOST_POINTS,
     )
     axes.plot(
-        *corners.T,
+        x,
+        y,
         color="black",
         lw=points(1.8),
         path_effects=rims,
@@ -517,8 +517,7 @@ def draw_fill(
 ) -> None:
     """Fill between two lines; at a single pose a bar."""
     if len(x) == 1:
-        bar = {key: value for key, value in style.items() if key != "lw"}
-        axes.vlines(x, lower, upper, lw=points(6.0), zorder=1.5, **bar)
+        axes.vlines(x, lower, upper, **(style | {"lw": points(6.0), "zorder": 1.5}))
         return
     axes.fill_between(x, lower, upper, rasterized=len(x) > MOST_POINTS, **style)
 
@@ -575,9 +574,9 @@ def draw_legend(figure: Figure, *panels: Axes, title: str = "") -> None:
     """Put the labels of panels above them, below a title, in as many columns as there is room."""
     handles, labels = [], []
     for axes in panels:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            handles.append(handle)
-            labels.append(label)
+        of_axes = axes.get_legend_handles_labels()
+        handles += of_axes[0]
+        labels += of_axes[1]
     if not labels:
         return
     size = 7.5 if len(labels) <= MOST_LARGE else 6.0

@@ -21,7 +21,6 @@ from radar_sense.states import POSITION, FloatArray
 
 #: Most legs of a route in a file. More legs are joined, with the largest P_D of the legs.
 _MOST_LEGS = 5_000
-_COLOURS = "cividis"
 Position = list[float]
 Feature = dict[str, Any]
 
@@ -62,7 +61,7 @@ def _contours(result: Result, cells: Grid, origin: tuple[float, float, float]) -
                     "contour",
                     f"{_name(result, column)} = {level:g}",
                     ("MultiLineString", parts),
-                    plotting.hex_colour(level, _COLOURS),
+                    plotting.hex_colour(level),
                     {"quantity": column, "value": level, "level": result.scenario.level},
                 )
 
@@ -99,7 +98,7 @@ def _legs(
             "route",
             f"{_name(result, column)} {value:.4f}",
             ("MultiLineString", parts) if len(parts) > 1 else ("LineString", parts[0]),
-            plotting.hex_colour(value, _COLOURS),
+            plotting.hex_colour(value),
             {column: value},
         )
 
