@@ -313,7 +313,7 @@ def _arguments(analysis: Command) -> Iterator[click.Argument]:
             ctx.fail(f"got an unexpected argument {files[1]}")
         return files[0] if files else None
 
-    # of any number, so that click counts the arguments behind from the last
+    # CONFIG may be missing: as words of any number, it is what the arguments behind it leave
     file = click.Path(path_type=Path)
     yield click.Argument(["config"], nargs=-1, type=file, metavar="[CONFIG]", callback=one)
     for option in analysis.options:
@@ -324,7 +324,7 @@ def _arguments(analysis: Command) -> Iterator[click.Argument]:
 
 
 def _output(analysis: Command) -> list[click.Parameter]:
-    """Return the options of the output: of a command without files, of one without figures."""
+    """Return the options of the output; a command without files or figures has fewer of them."""
     options: list[click.Parameter] = []
     if analysis.endings:
         options.append(OUT)

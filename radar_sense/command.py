@@ -378,7 +378,7 @@ class Command:
             result.analysis = self.name
             result.shown = tuple(option.name for option in self.options)
             warnings = (*Command.check(selected), *result.warnings)
-            # lists while they are made
+            # the command has appended to lists; from here on nothing is added
             vars(result).update(report=tuple(result.report), warnings=warnings)
         return result
 

@@ -47,7 +47,7 @@ class Limit:
             return False
         number: Any = value
         return (
-            # an int may overflow a float; a whole number, such as a seed, may
+            # an int too large for a float is allowed where it stays an int, such as a seed
             ((self.whole and isinstance(number, int)) or abs(number) <= sys.float_info.max)
             and (self.above is None or number > self.above)
             and (self.at_least is None or number >= self.at_least)
@@ -115,8 +115,7 @@ ABOVE = Limit(at_least=1e-20, below=0.5)
 WINDOW = Limit(at_least=1, at_most=12, whole=True)
 RUNS = Limit(at_least=2, at_most=1e9, whole=True)
 SEED = Limit(at_least=0, whole=True)
-MAX_WORKERS = 256
-WORKERS = Limit(at_least=1, at_most=MAX_WORKERS, whole=True)
+WORKERS = Limit(at_least=1, at_most=256, whole=True)
 
 #: How uncertain states become a distribution of P_D; "automatic" chooses the method that is right.
 METHODS = ("linear", "probit", "form", "montecarlo", "automatic")

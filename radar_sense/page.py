@@ -49,7 +49,7 @@ class Section:
 
     @property
     def answer(self) -> str:
-        """The first line, and what a heading says nothing without: the first row below it."""
+        """The lines up to the first that is no heading; a heading ends with a colon."""
         rows = list(itertools.takewhile(lambda line: line.endswith(":"), self.lines))
         return " ".join(line.strip() for line in self.lines[: len(rows) + 1])
 
