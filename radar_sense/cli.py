@@ -154,10 +154,8 @@ class Cli(click.Group):
         grouped = {name for names in GROUPS.values() for name in names}
         groups = {**GROUPS, STUDY: [name for name in sorted(lines) if name not in grouped]}
         for group, names in groups.items():
-            rows = [(name, lines[name]) for name in names if name in lines]
-            if rows:
-                with formatter.section(group):
-                    formatter.write_dl(rows)
+            with formatter.section(group):
+                formatter.write_dl([(name, lines[name]) for name in names])
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
         """Return the matching commands and options without importing an analysis."""
