@@ -374,12 +374,11 @@ class Command:
         own = self._own(options)
         selected = self.selected(scenario, **options)
         result = self.run(selected, **own)
-        if isinstance(result, Result):
-            result.analysis = self.name
-            result.shown = tuple(option.name for option in self.options)
-            warnings = (*Command.check(selected), *result.warnings)
-            # the command has appended to lists; from here on nothing is added
-            vars(result).update(report=tuple(result.report), warnings=warnings)
+        result.analysis = self.name
+        result.shown = tuple(option.name for option in self.options)
+        warnings = (*Command.check(selected), *result.warnings)
+        # the command has appended to lists; from here on nothing is added
+        vars(result).update(report=tuple(result.report), warnings=warnings)
         return result
 
     def _own(self, options: Mapping[str, Any]) -> dict[str, Any]:
