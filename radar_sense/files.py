@@ -100,7 +100,7 @@ def yaml_text(document: Mapping[str, Any]) -> str:
     return text if text.replace("\n", "").isprintable() else f"{dumped()}"
 
 
-def require_writable(paths: Sequence[Path], inputs: Iterable[Path] = ()) -> None:
+def require_writable(paths: Sequence[Path], inputs: Iterable[Path]) -> None:
     """Raise OSError unless files of one folder can be written without overwriting an input.
 
     `write` makes a missing folder.

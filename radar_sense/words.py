@@ -272,7 +272,7 @@ def describe_band(p_d: float, lower: float, upper: float, k: float) -> str:
     return f"P_D {middle}, between {low} and {high} ({k:.4g} sigma)"
 
 
-def percent(share: float, error: float | None = None) -> str:
+def percent(share: float, error: float | None) -> str:
     """Return a share with its standard error; "" without a share."""
     shown = "" if error is None else f" +/- {error:.1%}"
     return "" if np.isnan(share) else f" {share:6.1%}{shown}"
@@ -343,7 +343,7 @@ def add_mean(table: Table, mean: FloatArray, method: str, ending: str = "") -> N
         table.add(f"mean_pd{ending}", mean, f"Mean of P_D{level}; for linear the mean is p_d.")
 
 
-def add_draws(table: Table, draws: DrawStatistics, k: float = 3.0) -> None:
+def add_draws(table: Table, draws: DrawStatistics, k: float) -> None:
     """Add the columns of the draws."""
     table.add("mc_mean", draws.mean, "Mean of the draws of P_D.")
     table.add("mc_std", draws.std, "Standard deviation of the draws of P_D.")
@@ -397,7 +397,7 @@ def std_off(spreads: Mapping[str, Spread], method: str) -> tuple[str, ...]:
     )
 
 
-def band_label(level: str, method: str, k: float = 3.0) -> str:
+def band_label(level: str, method: str, k: float) -> str:
     """Return the label of a band in a figure."""
     by = "" if method == "linear" else f" by {method}"
     return rf"band of ${k:g}\,\sigma${by} ({level})"
@@ -477,9 +477,7 @@ def _of_std(
     )
 
 
-def method_warnings(
-    scenario: Scenario, moments: Moments, method: str, k: float = 3.0
-) -> Iterator[str]:
+def method_warnings(scenario: Scenario, moments: Moments, method: str, k: float) -> Iterator[str]:
     """Yield all warnings of moments by a method, with bounds at kσ."""
     yield from validity_warnings(scenario, moments, method, k=k)
     yield from table_warnings(scenario)
