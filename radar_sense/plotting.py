@@ -97,10 +97,10 @@ _POINTS: dict[Any, float] = {
     **{f"{axis}tick.major.{name}": size for axis in "xy" for name, size in _MAJOR},
     **{f"{axis}tick.minor.{name}": size for axis in "xy" for name, size in _MINOR},
 }
-_LEGEND_ROW = 0.16
+#: Heights of a row of the legend and of the footer [in], for letters of 8 pt.
+_LEGEND_ROW, _FOOTER_ROW = 0.16, 0.12
 #: Most labels in a legend with letters of 7.5 pt. More have letters of 6 pt.
 MOST_LARGE = 12
-_FOOTER_ROW = 0.12
 #: Letters of the footer in a line of a figure that is one column wide.
 _FOOTER_LETTERS = 78
 #: Colours of differing lightness (Okabe and Ito's set) with a dash pattern each.
@@ -341,11 +341,11 @@ def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
         gap = np.nanmin(abs(places[:, np.newaxis] - drawn), axis=1)
         return np.asarray(gap > _BESIDE * (high - low))
 
-    angle = max(np.arange(22.5, 360.0, 45.0), key=lambda angle: int(free(angle).sum()))
-    shown = free(angle) if free(angle).any() else np.ones(len(rings), dtype=bool)
+    shown_at = {angle: free(angle) for angle in np.arange(22.5, 360.0, 45.0)}
+    angle, shown = max(shown_at.items(), key=lambda at: int(at[1].sum()))
     axes.set_rlabel_position(angle)
     texts = [f"{ring:g}".replace("-", "\N{MINUS SIGN}") for ring in rings]
-    numbers = np.where(shown, texts, "").tolist()
+    numbers = np.where(shown | ~shown.any(), texts, "").tolist()
     rim = withStroke(linewidth=points(2.0), foreground="white")
     size = points(8 if names else 6)
     axes.set_yticks(rings, numbers, ha="center", va="center", fontsize=size, path_effects=[rim])
