@@ -84,6 +84,7 @@ def read_rcs_table(opened: TextFile, mirror: bool, envelope: float | None) -> Ta
         raise file.error(message, int(lines[wrong])) from None
     dbsm = columns.get("rcs_dbsm")
     rcs = columns["rcs_m2"] if dbsm is None else 10.0 ** (dbsm / 10.0)
+    row = row[:, 0] if elevation is None else row
     std = columns["std_db"][row] if "std_db" in columns else None
     return TableRCS(azimuth, rcs[row], elevation, envelope, std)
 
@@ -91,24 +92,24 @@ def read_rcs_table(opened: TextFile, mirror: bool, envelope: float | None) -> Ta
 def _nodes(
     columns: dict[str, FloatArray], mirror: bool
 ) -> tuple[FloatArray, FloatArray | None, NDArray[np.intp]]:
-    """Return azimuths (n,) [rad], elevations (m,) [rad] or None, and rows (n,) or (n, m)."""
+    """Return azimuths (n,) [rad], elevations (m,) [rad] or None, and rows (n, m) or (n, 1)."""
     azimuth, elevation = np.deg2rad(columns["azimuth_deg"]), None
-    row = np.arange(len(azimuth))
+    row = np.arange(len(azimuth))[:, np.newaxis]
     if "elevation_deg" not in columns:
-        _refuse(out_of_order("azimuth", azimuth), row)
+        _refuse(out_of_order("azimuth", azimuth), row[:, 0])
     else:
-        of_rows = {"azimuth": azimuth, "elevation": np.deg2rad(columns["elevation_deg"])}
-        by_azimuth = len(azimuth) > 1 and azimuth[0] == azimuth[1]
-        names = ("azimuth", "elevation") if by_azimuth else ("elevation", "azimuth")
-        row = _grid({name: of_rows[name] for name in names})
-        row = row if by_azimuth else row.T
-        azimuth, elevation = azimuth[row[:, 0]], of_rows["elevation"][row[0]]
+        elevation = np.deg2rad(columns["elevation_deg"])
+        if len(azimuth) > 1 and azimuth[0] == azimuth[1]:
+            row = _grid({"azimuth": azimuth, "elevation": elevation})
+        else:
+            row = _grid({"elevation": elevation, "azimuth": azimuth}).T
+        azimuth, elevation = azimuth[row[:, 0]], elevation[row[0]]
     values = {name: unit for name, unit in _UNITS.items() if name in columns}
     if mirror:
         azimuth, row = _mirrored(azimuth, row)
     else:
         azimuth, row = _opened(azimuth, row, [columns[name] for name in values])
-    _refuse(gap("azimuth", azimuth), row.reshape(len(row), -1)[:, 0])
+    _refuse(gap("azimuth", azimuth), row[:, 0])
     if elevation is not None:
         _refuse(gap("elevation", elevation), row[0])
         for name, unit in values.items():
@@ -160,7 +161,7 @@ def _mirrored(azimuth: FloatArray, row: NDArray[np.intp]) -> tuple[FloatArray, N
     outside = np.flatnonzero((azimuth < low) | (azimuth > high))
     if len(outside):
         raise _RowError(
-            row.reshape(len(row), -1)[outside[0], 0],
+            row[outside[0], 0],
             "mirror: true is for azimuths from 0 to 180, or from -180 to 0, "
             f"got {np.rad2deg(azimuth[outside[0]]):g}",
         )
@@ -181,16 +182,15 @@ def _opened(
     if turned[-1] > _ROUNDING:
         at = int(np.argmax(turned > _ROUNDING))
         raise _RowError(
-            row.reshape(len(row), -1)[at, 0],
+            row[at, 0],
             f"azimuth {np.rad2deg(azimuth[at]):g} is more than a turn from the first, "
             f"{np.rad2deg(azimuth[0]):g}",
         )
-    first, last = np.atleast_1d(row[0]), np.atleast_1d(row[-1])
-    differs = np.any([value[first] != value[last] for value in values], axis=0)
+    differs = np.any([value[row[0]] != value[row[-1]] for value in values], axis=0)
     if differs.any():
         ends = " and ".join(f"{np.rad2deg(azimuth[i]):g}" for i in (-1, 0))
         raise _RowError(
-            last[np.argmax(differs)],
+            row[-1, np.argmax(differs)],
             f"azimuth {ends} are the same direction and have different values; leave one of them "
             "out",
         )
