@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path as FilePath
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from radar_sense import covariance
+from radar_sense.errors import InputError
 from radar_sense.limits import DEG
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.table_file import open_data
-from radar_sense.scenario_file.text_file import DigestError, FileError, TextFile
+from radar_sense.scenario_file.text_file import FileError, TextFile
 from radar_sense.states import FloatArray
 
 C = TypeVar("C")
+#: The sections that name a file, and have its digest in a record.
+Named: TypeAlias = sections.DataFile | sections.Table | sections.Path
 
 #: One kilometre in metres, and one per kilometre in one per metre.
 KM, PER_KM = 1e3, 1e-3
@@ -27,28 +30,38 @@ def on_earth(place: sections.Geodetic) -> tuple[float, float, float]:
     return place.latitude_deg * DEG, place.longitude_deg * DEG, float(place.altitude_m)
 
 
-def read_named(
-    stated: sections.DataFile | sections.Table | sections.Path,
-    kind: str,
-    read: Callable[[TextFile], C],
-) -> C:
+def read_named(stated: Named, kind: str, read: Callable[[TextFile], C]) -> C:
     """Return what the file that a section names holds, and let the section have its digest.
 
     Errors about the file as a whole get the place of the key that names it, and say what kind of
-    file it should be. Errors with a line of the file stay as they are.
+    file it should be. Errors with a line of the file stay as they are, unless the section has the
+    digest of another file, which explains them.
     """
     place = stated.place
     path = FilePath(place.file).parent / stated.file
     try:
-        with open_data(path, kind, stated.sha256) as file:
-            content = read(file)
-            stated.sha256 = file.sha256()
-    except DigestError as error:
-        raise place["sha256"].error(f"{error}") from error
+        with open_data(path, kind) as file:
+            try:
+                content = read(file)
+            except FileError:
+                raise
+            except InputError:
+                _check_digest(file, stated)
+                raise
+            stated.sha256 = _check_digest(file, stated)
     except FileError as error:
         raise (place["file"] if place.is_mapping else place).error(f"{error}") from error
     stated.file = _recorded(path)
     return content
+
+
+def _check_digest(file: TextFile, stated: Named) -> str:
+    """Return the digest of a file, or raise InputError if the section has another one."""
+    digest = file.sha256()
+    if stated.sha256 not in (None, digest):
+        message = f"{file.source} is another file than it was: it has {digest}"
+        raise stated.place["sha256"].error(message)
+    return digest
 
 
 def _recorded(path: FilePath) -> str:

@@ -40,11 +40,9 @@ class Column:
     unit: float = 1.0
 
 
-def open_data(
-    path: str | Path, kind: str, sha256: str | None = None
-) -> AbstractContextManager[TextFile]:
+def open_data(path: str | Path, kind: str) -> AbstractContextManager[TextFile]:
     """Open a file of data, with the arguments and errors of `open_text`."""
-    return open_text(path, kind, MAX_BYTES, sha256)
+    return open_text(path, kind, MAX_BYTES)
 
 
 class TableFile:

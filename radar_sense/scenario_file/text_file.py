@@ -32,10 +32,6 @@ class FileError(InputError):
     """A file cannot be read."""
 
 
-class DigestError(InputError):
-    """A file differs from the recorded file."""
-
-
 class TextFile:
     """An open file that is read once: its digest belongs to the bytes that were used.
 
@@ -70,18 +66,11 @@ class TextFile:
             text = decoded(data, self.source, line)
             yield text.removeprefix("\ufeff") if line == 1 else text
 
-    def sha256(self, expected: str | None = None) -> str:
-        """Read to the end of the file and return its SHA-256.
-
-        Raises:
-            DigestError: If another digest is expected.
-        """
+    def sha256(self) -> str:
+        """Read to the end of the file and return its SHA-256."""
         while self.read(2**20):
             pass
-        digest = self._digest.hexdigest()
-        if expected not in (None, digest):
-            raise DigestError(f"{self.source} is another file than it was: it has {digest}")
-        return digest
+        return self._digest.hexdigest()
 
     def _counted(self, data: bytes) -> bytes:
         self._digest.update(data)
@@ -92,17 +81,13 @@ class TextFile:
 
 
 @contextmanager
-def open_text(
-    path: str | Path, kind: str, most_bytes: int, sha256: str | None = None
-) -> Iterator[TextFile]:
+def open_text(path: str | Path, kind: str, most_bytes: int) -> Iterator[TextFile]:
     """Open a regular file.
 
     Args:
         path: The file.
         kind: What the file should be, for errors.
         most_bytes: Largest size accepted.
-        sha256: Digest that the file must have; None allows any. A wrong digest explains all errors
-            in the content, and is raised in place of them.
 
     Raises:
         InputError: If the path is not text or a `Path`, or if the file cannot be read, or is a
@@ -114,15 +99,7 @@ def open_text(
         with open(path, "rb", opener=_without_blocking) as binary:
             if not stat.S_ISREG(os.fstat(binary.fileno()).st_mode):
                 raise FileError(f"{path}: is not a regular file, {kind} must be one")
-            file = TextFile(binary, str(path), most_bytes)
-            try:
-                yield file
-            except FileError:
-                raise
-            except InputError:
-                file.sha256(sha256)
-                raise
-            file.sha256(sha256)
+            yield TextFile(binary, str(path), most_bytes)
     except IsADirectoryError as error:
         raise FileError(f"{path}: is a directory, not {kind}") from error
     except InputError:
