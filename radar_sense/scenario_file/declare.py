@@ -65,12 +65,11 @@ class Kind:
     """What the value of a key may be.
 
     Attributes:
-        allowed: What is allowed, in words.
+        allowed: What is allowed, in words; "" of sections, whose keys say it.
         read: Returns the value at a place of a file, or raises InputError.
         schema: Returns the JSON Schema.
         write: Returns a value as in a file.
         sections: Returns the sections in the value, by the ending of their titles.
-        is_number: Whether the value is made of numbers, with a unit.
     """
 
     allowed: str
@@ -78,7 +77,6 @@ class Kind:
     schema: Callable[[], Schema]
     write: Callable[[Any], Any] = lambda value: value
     sections: Callable[[], Mapping[str, type]] = dict
-    is_number: bool = False
 
 
 def key(
@@ -116,7 +114,7 @@ class Key:
         name: The key in the file.
         field: Name of the field of the dataclass.
         meaning: Meaning of the value, without the unit.
-        unit: Unit of a number, or "".
+        unit: Unit of the value, or ""; the keys of a section have units of their own.
         kind: What the value is.
         default: Value of a missing key, or `REQUIRED`. The rest is as in `key`.
     """
@@ -168,17 +166,8 @@ def keys_of(cls: Any) -> tuple[Key, ...]:
         name, meaning, kind = (declared.pop(of) for of in ("key", "meaning", "kind"))
         kind, brackets = _kind(kind), _BRACKETS.search(meaning)
         unit = unit_name(name) or (brackets[1] if brackets else "")
-        keys.append(
-            Key(
-                name,
-                f.name,
-                _BRACKETS.sub("", meaning),
-                unit if kind.is_number else "",
-                kind,
-                f.default,
-                **declared,
-            )
-        )
+        unit, meaning = unit if kind.allowed else "", _BRACKETS.sub("", meaning)
+        keys.append(Key(name, f.name, meaning, unit, kind, f.default, **declared))
     _KEYS[cls] = tuple(keys)
     return _KEYS[cls]
 
@@ -425,7 +414,7 @@ def number(limit: Limit, *, infinite: bool = False) -> Kind:
         infinity = {"type": "string", "pattern": r"^\+?\.?[iI][nN][fF]([iI][nN][iI][tT][yY])?$"}
         return {"anyOf": [finite, infinity]} if infinite else finite
 
-    return Kind(allowed, read, schema, write, is_number=True)
+    return Kind(allowed, read, schema, write)
 
 
 def _is_whole(text: str) -> bool:
@@ -497,7 +486,6 @@ def _several(kind: Kind, size: int, what: str, allowed: str) -> Kind:
         lambda place: tuple(kind.read(entry) for entry in place.entries(size, what)),
         lambda: {"type": "array", "items": kind.schema(), "minItems": size, "maxItems": size},
         lambda value: [kind.write(item) for item in value],
-        is_number=True,
     )
 
 
@@ -613,7 +601,6 @@ def named(name: Text, kind: Kind, what: str) -> Kind:
         },
         lambda value: {given: kind.write(item) for given, item in value.items()},
         sections=lambda: {f".NAME{end}": cls for end, cls in kind.sections().items()},
-        is_number=kind.is_number,
     )
 
 
@@ -668,5 +655,4 @@ def _either(
         lambda: {"anyOf": [kind.schema() for kind in kinds]},
         lambda value: of_value(value).write(value),
         sections=lambda: {end: cls for kind in kinds for end, cls in kind.sections().items()},
-        is_number=kinds[0].is_number,
     )
