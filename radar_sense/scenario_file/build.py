@@ -104,14 +104,12 @@ def _steps(stated: sections.Sweep | sections.Ranges) -> FloatArray:
 def _path(stated: sections.Path) -> Path:
     origin = None if stated.origin is None else on_earth(stated.origin)
     flight = read_named(stated, ROUTE_FILE, lambda file: read_route(file, stated, origin))
-    route, of_flight = flight, dict[str, Any]()
-    if stated.interpolate is not None:
-        step_s, method = float(stated.interpolate.step_s), stated.interpolate.method
-        of_flight = {"method": method, "flight": flight}
+    route, between = flight, stated.interpolate
+    if between is not None:
         try:
-            route = resample(flight, step_s, method)
+            route = resample(flight, float(between.step_s), between.method)
         except InputError as error:
-            raise stated.interpolate.place.error(f"{error}") from error
+            raise between.place.error(f"{error}") from error
     along = axis.time(route.time_s)
     if stated.axis == "distance":  # along the rows of the file, whatever the step is
         along = axis.distance(np.interp(route.time_s, flight.time_s, flight.distance_m))
@@ -121,8 +119,9 @@ def _path(stated: sections.Path) -> Path:
         CERTAIN if route.covariance is None else route.covariance,
         time_s=route.time_s,
         origin=route.origin,
+        flight=flight if between else None,
+        method=between.method if between else "legs",
         sea_level=stated.geoid_height_m or 0.0,
-        **of_flight,
     )
 
 

@@ -112,9 +112,9 @@ class Place:
             for i, node in enumerate(self.node.value, start=1)
         ]
 
-    def __getitem__(self, key: str | int) -> Place:
+    def __getitem__(self, key: str) -> Place:
         """Return the place of a value; this place if the file does not have the value."""
-        return self.entries()[key] if isinstance(key, int) else self.items().get(key, self)
+        return self.items().get(key, self)
 
 
 def parse(text: str, file: str) -> Place:
