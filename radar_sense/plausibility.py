@@ -256,9 +256,10 @@ def _spacing(scenario: Scenario) -> Iterator[str]:
 
 def _step(scenario: Scenario) -> Iterator[str]:
     """Yield a warning if the step between the poses of a path is longer than the path."""
-    file, time = None if scenario.source is None else scenario.source.file, scenario.time_s
-    stated = None if file is None or time is None else file.geometry.interpolate
-    if stated is not None and time is not None and float(stated.step_s) > np.ptp(time) > 0:
+    if scenario.source is None or scenario.time_s is None:
+        return
+    stated, time = scenario.source.file.geometry.interpolate, scenario.time_s
+    if stated is not None and float(stated.step_s) > np.ptp(time) > 0:
         yield warning(
             "step-long",
             f"geometry.interpolate has a step of {float(stated.step_s):g} s, longer than the route "

@@ -337,7 +337,7 @@ def schema(cls: type, word: str = "") -> Schema:
     properties: Schema = {word: kind} if word else {}
     for k in keys:
         properties[k.name] = {"description": k.description, **k.kind.schema()}
-        if k.shown_default and k.default != math.inf:
+        if k.shown_default:
             properties[k.name]["default"] = k.kind.write(k.default)
     rules: list[Schema] = [{"oneOf": [_with(name) for name in group]} for group in groups_of(keys)]
     rules += [{"anyOf": [_with(name) for name in (k.name, *k.unless)]} for k in keys if k.unless]
