@@ -25,7 +25,6 @@ Files in GPX and of ADS-B state vectors are read by `track_file`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -233,11 +232,11 @@ def _table(file: TableFile) -> Track:
         both = [next((name for name in group if name in names), "") for group in (one, other)]
         if all(both):
             raise file.error(f"has {' beside '.join(both)}; give only one of the two")
-    geodetic = _has(file, GEODETIC)
+    given = [g for g in (GEODETIC, ATTITUDE_COLUMNS, STD, COV) if not {*g}.isdisjoint(names)]
     ned = tuple(f"{axis}_km" if f"{axis}_km" in names else f"{axis}_m" for axis in _NED)
-    place = GEODETIC if geodetic else ned
+    place = GEODETIC if GEODETIC in given else ned
     file.require(place, f"{', '.join(GEODETIC)}, or north, east, down")
-    for group in filter(partial(_has, file), (ATTITUDE_COLUMNS, STD, COV)):
+    for group in given:
         several = f"{group[0]} to {group[-1]}" if len(group) > 3 else ", ".join(group)
         file.require(group, f"all of {several}, or none")
     rows, lines = file.numbers(COLUMNS)
@@ -252,28 +251,25 @@ def _table(file: TableFile) -> Track:
         line=file.line,
         lines=lines,
         place=si(place),
-        altitudes=("ellipsoid", "sea") if geodetic else (),
+        altitudes=("ellipsoid", "sea") if GEODETIC in given else (),
         time=si(["time_s"])[:, 0] if "time_s" in names else None,
         time_name="time_s",
         speed=si(["speed_m_s"])[:, 0] if "speed_m_s" in names else None,
-        attitude=si(ATTITUDE_COLUMNS) if _has(file, ATTITUDE_COLUMNS) else None,
+        attitude=si(ATTITUDE_COLUMNS) if ATTITUDE_COLUMNS in given else None,
         covariance=_covariance(file, rows, lines),
     )
 
 
-def _has(file: TableFile, group: Sequence[str]) -> bool:
-    return any(name in file.names for name in group)
-
-
 def _covariance(file: TableFile, rows: FloatArray, lines: NDArray[np.int64]) -> FloatArray | None:
     """Return C_aa (n, 6, 6) of rows in SI units, or None if the file has no columns of it."""
-    if not (_has(file, STD) or _has(file, COV)):
+    group = next((group for group in (STD, COV) if group[0] in file.names), None)
+    if group is None:
         return None
-    columns = [file.names.index(name) for name in (STD if _has(file, STD) else COV)]
+    columns = [file.names.index(name) for name in group]
     covariance = np.zeros((len(rows), 6, 6))
     for block in slices(len(rows)):
         numbers = rows[block, columns]
-        if len(columns) == len(STD):
+        if group == STD:
             covariance[block, range(6), range(6)] = (numbers * _COV_UNITS) ** 2
             continue
         numbers[np.abs(numbers) < _LEAST_COVARIANCE] = 0.0
