@@ -1,9 +1,10 @@
 """The poses of the aircraft, and the flight between them: orbit, radial, path, or states alone.
 
-geometry = scenario.geometry
-if geometry.continuous:
-    between = geometry.at(times)      # azimuths on an orbit, ranges on a radial
-    finer = scenario.along(between)
+    geometry = scenario.geometry
+    if geometry.continuous:
+        finer = scenario.along(geometry.at(times))
+
+On an orbit `at` takes azimuths [deg] in place of times, and on a radial ground ranges [km].
 """
 
 from __future__ import annotations
@@ -239,7 +240,7 @@ class Path(Geometry):
 
     @cached_property
     def whole(self) -> Path:
-        """As of `Geometry`; a row that is as good as at a pose is left out."""
+        """As of `Geometry`, without rows of the flight within `SAME_TIME` of a pose."""
         if self.flight is None:
             return self
         time = self.time_s

@@ -69,7 +69,8 @@ class Kind:
         read: Returns the value at a place of a file, or raises InputError.
         schema: Returns the JSON Schema.
         write: Returns a value as in a file.
-        sections: Returns the sections in the value, by the ending of their titles.
+        sections: Returns the classes of sections that the value may have, by what their titles add
+            to the name of the key: "", "[]", " (type: orbit)".
     """
 
     allowed: str
@@ -227,8 +228,8 @@ def read_file(place: Place, cls: type[S]) -> S:
 def read(place: Place, cls: type[S], word: str = "", others: Mapping[str, type] | None = None) -> S:
     """Read a mapping into a section.
 
-    The word is a further key, which the caller has read. An error says which section below, or
-    which of other sections, by name, has an unknown key.
+    The word is a further key, which the caller has read. The error of an unknown key says which
+    section below has the key, or which of `others`, sections by name.
 
     Raises:
         InputError: If anything in the mapping is not allowed.
