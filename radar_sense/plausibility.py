@@ -258,7 +258,8 @@ def _step(scenario: Scenario) -> Iterator[str]:
     """Yield a warning if the step between the poses of a path is longer than the path."""
     if scenario.source is None or scenario.time_s is None:
         return
-    stated, time = scenario.source.file.geometry.interpolate, scenario.time_s
+    # of a path that has replaced the poses of a file, nothing is stated
+    stated, time = getattr(scenario.source.file.geometry, "interpolate", None), scenario.time_s
     if stated is not None and float(stated.step_s) > np.ptp(time) > 0:
         yield warning(
             "step-long",

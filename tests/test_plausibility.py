@@ -207,6 +207,11 @@ def test_a_step_longer_than_the_route(tmp_path):
     assert of_route(tmp_path, ROUTE, geometry=path) == ()
 
 
+def test_a_path_in_place_of_the_poses_of_a_file():
+    given, path = scenario(), rs.load_scenario("configs/path.yaml")
+    assert plausibility_warnings(dataclasses.replace(given, geometry=path.geometry)) == ()
+
+
 def test_rows_far_apart(tmp_path):
     far = "time_s,north_m,east_m,down_m\n0,-300000,90000,-9000\n3000,300000,90000,-9000\n"
     (warning,) = of_route(tmp_path, far)

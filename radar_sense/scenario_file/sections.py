@@ -143,7 +143,7 @@ class PoseUncertainty(Section):
         unless=("covariance", "rcs_db"),
     )
     covariance: Any = key(
-        "Covariance of position [m] and attitude [°] together.",
+        "Covariance of position, in m, and attitude, in degrees, together.",
         matrix(6),
         default=None,
         instead_of=("position_m", "attitude_deg"),
@@ -169,7 +169,7 @@ class RadarUncertainty(Section):
         unless=("covariance",),
     )
     covariance: Any = key(
-        "Covariance of position [m] and c_r [J m²/K] together.",
+        "Covariance of position, in m, and c_r, in J m²/K, together.",
         matrix(4),
         default=None,
         instead_of=("position_m", "constant"),
