@@ -18,7 +18,7 @@ from radar_sense.errors import InputError
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
-from radar_sense.propagation.looks import MANY, PRECISE, Looks
+from radar_sense.propagation.staged import MANY, PRECISE, StagedDraws
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FINER, PART, SOURCE
 from radar_sense.sources import error_budget, scaled, sources_of, value_function
@@ -279,8 +279,8 @@ class _Goal:
             return np.asarray((abs(excess) >= SURE * errors) | np.any(excess > SURE * errors))
 
         changed = scaled(self.scenario, names, factor).at(rows)
-        looks = Looks(changed, self.k or 3.0, np.nan if self.k is None else limit)
-        return compared(looks.until(settled, draws))
+        staged = StagedDraws(changed, self.k or 3.0, np.nan if self.k is None else limit)
+        return compared(staged.until(settled, draws))
 
     def _rows(self, names: tuple[str, ...], factor: float) -> NDArray[np.intp]:
         """Return the poses with the largest values by the method, and by few draws at all poses."""

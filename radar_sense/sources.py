@@ -23,7 +23,7 @@ from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, STD_CHANGE, distribution, mean_and_std
 from radar_sense.propagation.automatic import ERRORS
-from radar_sense.propagation.looks import FIRST
+from radar_sense.propagation.staged import FIRST
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FINER, PART, SOURCE, Source, sources
 from radar_sense.states import (

@@ -529,10 +529,10 @@ def few_judging_draws(patch, first=256, most=1024):
 
     The draws are made once in all tests of a process.
     """
-    for name in ("propagation.looks", "accuracy", "coverage.ranges"):
+    for name in ("propagation.staged", "accuracy", "coverage.ranges"):
         patch.setattr(f"radar_sense.{name}.estimate", remembered)
-    patch.setattr("radar_sense.propagation.looks.FIRST", first)
-    for name in ("automatic.LAST", "automatic.MANY", "looks.PRECISE"):
+    patch.setattr("radar_sense.propagation.staged.FIRST", first)
+    for name in ("automatic.LAST", "automatic.MANY", "staged.PRECISE"):
         patch.setattr(f"radar_sense.propagation.{name}", most)
     patch.setattr("radar_sense.accuracy.PRECISE", most)
     patch.setattr("radar_sense.coverage.ranges.DRAWS", (first, most))

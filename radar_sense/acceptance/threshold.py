@@ -33,14 +33,14 @@ from radar_sense.acceptance.frames import attitude_off
 from radar_sense.montecarlo.exceedance import Exceedance, exceedance
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, Band, band_of_scenario
 from radar_sense.propagation.draws import Estimate
-from radar_sense.propagation.looks import LADDER, LAST, Looks
+from radar_sense.propagation.staged import LADDER, LAST, StagedDraws
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
 #: Probability of a false "holds" of a path by each of the two legs: 0.1 % together.
 CHANCE = 0.0005
-#: Probability at one pose that plain runs contradict draws that are right. The pose is then looked
-#: at with more draws.
+#: Probability at one pose that plain runs contradict draws that are right. More draws are then made
+#: at the pose.
 ALARM = 1e-4
 #: Decimals of margins that are alike: those that are shown.
 ALIKE = 6
@@ -156,14 +156,14 @@ def decide(
 ) -> Decision:
     """Return what draws say of P(P_D > p_max) ≤ 1 − Φ(k) at each pose of a path, or at some rows.
 
-    The chance of a false decision counts every look that there may be at a pose. It is therefore
-    the same where the first looks are skipped, because their draws are given.
+    The chance of a false decision counts every stage of draws that there may be at a pose. It is
+    therefore the same where the first stages are skipped, because their draws are given.
     """
     tail, poses = float(ndtr(-k)), len(scenario.aircraft)
     wanted = math.ceil(math.log(CHANCE) / math.log1p(-tail))
     runs = exceedance(scenario, p_max, wanted)
     every = np.arange(poses)
-    chance = CHANCE / len(LADDER)  # of every look
+    chance = CHANCE / len(LADDER)  # of every stage
     to_hold, to_violate = ndtri(1.0 - chance), ndtri(1.0 - chance / poses)
 
     def decided(
@@ -177,8 +177,8 @@ def decide(
         consistent = (counts == 0) | (pdtrc(counts - 1.0, most) > ALARM)
         return (to_hold * error <= below) & consistent, to_violate * error < -below
 
-    looks = Looks(scenario.states(), k, p_max, first)
-    drawn = looks.until(lambda some, found: np.logical_or(*decided(some, found)), LAST, rows)
+    staged = StagedDraws(scenario.states(), k, p_max, first)
+    drawn = staged.until(lambda some, found: np.logical_or(*decided(some, found)), LAST, rows)
     holds, violated = decided(every, drawn)
     return Decision(holds & (runs.runs >= wanted), violated, drawn.bounds[0][1], runs, wanted)
 

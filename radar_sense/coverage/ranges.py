@@ -22,7 +22,7 @@ from radar_sense.model.radar import ALWAYS
 from radar_sense.propagation import AUTOMATIC, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.looks import FURTHER, MANY, PRECISE
+from radar_sense.propagation.staged import FURTHER, MANY, PRECISE
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 

@@ -21,7 +21,7 @@ from radar_sense.montecarlo.montecarlo import BETA, ROUNDING
 from radar_sense.progress import report
 from radar_sense.propagation import Moments
 from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.looks import GROWTH, PRECISE
+from radar_sense.propagation.staged import GROWTH, PRECISE
 from radar_sense.states import FloatArray
 from radar_sense.streams import Stream, random_stream
 from radar_sense.uncertain_states import UncertainStates

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.form import Form
-from radar_sense.propagation.looks import FIRST, LAST, MANY, PRECISE, Looks
 from radar_sense.propagation.moments import Distribution
+from radar_sense.propagation.staged import FIRST, LAST, MANY, PRECISE, StagedDraws
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
@@ -33,7 +33,7 @@ ERRORS = 2.5
 
 
 def judged(
-    looks: Looks,
+    staged: StagedDraws,
     values: Sequence[FloatArray],
     read: Callable[[Estimate], tuple[FloatArray, ...]],
     *,
@@ -49,7 +49,7 @@ def judged(
     Up to `MANY` draws are made until both values are confirmed or one is off. Draws to precision,
     up to `LAST`, may replace the values: they are made until both values are confirmed, or until
     the draws are better. They are better if a value that is not confirmed differs by more than the
-    noise, and the noise of both is small enough, of a first look half as large.
+    noise, and the noise of both is small enough, of a first stage half as large.
 
     The two values by a method, each (k,), are the bounds, to `read` with `of_bounds`, or mean and
     σ, with `of_moments`.
@@ -66,7 +66,7 @@ def judged(
         off = ~(difference <= np.maximum(tolerance, LEAST_CHANGE) + noise)
         confirmed = ~off & (difference + noise <= np.maximum(tolerance, LEAST_TOLD))
         better = np.any(~(confirmed | (difference <= noise)), axis=0)
-        # of a first look an error may be small by chance
+        # of a first stage an error may be small by chance
         better &= np.all(noise <= np.where(found.draws > FIRST, small, 0.5 * small), axis=0)
         return np.all(confirmed, axis=0), np.any(off, axis=0), better
 
@@ -74,7 +74,7 @@ def judged(
         confirmed, off, better = compared(rows, found)
         return confirmed | (better if to_precision else off)
 
-    drawn = looks.until(settled, LAST if to_precision else MANY)
+    drawn = staged.until(settled, LAST if to_precision else MANY)
     confirmed, off, _ = compared(slice(None), drawn)
     return drawn, confirmed, off
 
@@ -113,7 +113,7 @@ class Automatic(Distribution):
     ) -> None:
         self.states = states
         self.p_max, self._form = p_max, form or Form(states)
-        self._looks: dict[float, Looks] = {}
+        self._staged: dict[float, StagedDraws] = {}
         self._bands: dict[float, tuple[FloatArray, FloatArray, FloatArray, Estimate]] = {}
 
     @cached_property
@@ -145,8 +145,8 @@ class Automatic(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        by_form, looks = self._form.moments, self._looks_at(JUDGED)
-        drawn, confirmed, _ = judged(looks, by_form, of_moments, to_precision=True)
+        by_form, staged = self._form.moments, self._staged_at(JUDGED)
+        drawn, confirmed, _ = judged(staged, by_form, of_moments, to_precision=True)
         mean, std = np.where(confirmed, by_form, drawn.moments[0])
         return mean, std
 
@@ -154,16 +154,16 @@ class Automatic(Distribution):
         """Return lower and upper bound at β, their standard error (k,), and the draws."""
         if beta not in self._bands:
             by_form = self._form.quantile(-beta), self._form.quantile(beta)
-            looks = self._looks_at(beta)
-            drawn, confirmed, _ = judged(looks, by_form, of_bounds, to_precision=True)
+            staged = self._staged_at(beta)
+            drawn, confirmed, _ = judged(staged, by_form, of_bounds, to_precision=True)
             bounds, errors = drawn.bounds
             lower, upper = np.where(confirmed, by_form, bounds)
             error = np.where(confirmed, 0.0, np.max(errors, axis=0))
             self._bands[beta] = lower, upper, error, drawn
         return self._bands[beta]
 
-    def _looks_at(self, beta: float) -> Looks:
-        """Return the looks at the bounds at ±β."""
-        if beta not in self._looks:
-            self._looks[beta] = Looks(self.states, beta, self.p_max)
-        return self._looks[beta]
+    def _staged_at(self, beta: float) -> StagedDraws:
+        """Return the draws for the bounds at ±β."""
+        if beta not in self._staged:
+            self._staged[beta] = StagedDraws(self.states, beta, self.p_max)
+        return self._staged[beta]

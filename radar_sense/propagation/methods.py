@@ -29,10 +29,10 @@ from radar_sense.propagation.automatic import (
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.linear import Linear
-from radar_sense.propagation.looks import FIRST, Looks
 from radar_sense.propagation.moments import Distribution
 from radar_sense.propagation.plain import PlainDraws
 from radar_sense.propagation.probit import Probit
+from radar_sense.propagation.staged import FIRST, StagedDraws
 from radar_sense.scenario import Scenario
 from radar_sense.states import BLOCK, FloatArray
 from radar_sense.uncertain_states import UncertainStates, uncertain_states
@@ -234,7 +234,7 @@ def std_off_in_scenario(
         return np.zeros(len(std), dtype=bool)
     states = scenario.states()
     _foresee(states, FIRST)
-    return judged(Looks(states, JUDGED), (mean, std), of_moments, to_precision=True)[2]
+    return judged(StagedDraws(states, JUDGED), (mean, std), of_moments, to_precision=True)[2]
 
 
 def no_draws(method: str) -> None:
@@ -282,16 +282,16 @@ def _unreliable(
         return np.asarray(~(moments.error <= BOUND_CHANGE))
     _foresee(states, FIRST)
     bounds = moments.lower, moments.upper
-    drawn, confirmed, _ = judged(Looks(states, beta), bounds, of_bounds, to_precision=False)
+    drawn, confirmed, _ = judged(StagedDraws(states, beta), bounds, of_bounds, to_precision=False)
     off, rows = ~confirmed, np.flatnonzero(confirmed)
-    further = Looks(states.at(rows), beta, first=drawn.at(rows))
+    further = StagedDraws(states.at(rows), beta, first=drawn.at(rows))
     of_rows = moments.mean[rows], moments.std[rows]
     off[rows] = judged(further, of_rows, of_moments, to_precision=True)[2]
     return off
 
 
 def _foresee(states: UncertainStates, draws: int, less: str = "fewer poses") -> None:
-    """Say what the first look of draws at each pose takes if it is long."""
+    """Say what the first stage of draws at each pose takes if it is long."""
     evaluations = float(len(states)) * draws * len(states.model.radars)
     memory = NUMBERS * 8.0 * draws
     foresee(f"{len(states):,} poses x {draws:,} draws", evaluations, memory, less=less)

@@ -27,7 +27,7 @@ from radar_sense.propagation import (
     propagate_scenario,
 )
 from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.looks import LAST
+from radar_sense.propagation.staged import LAST
 
 FEW = {"start": 45, "stop": 60, "step": 15}
 #: A straight flight past the radar: two rows far away, where P_D is small.

@@ -292,7 +292,7 @@ def test_small_bounds_of_the_corridor_are_those_of_plain_draws():
 def test_a_first_look_replaces_a_method_only_with_half_the_error_of_another():
     """Its standard error may be small by chance; the next look decides."""
 
-    class Looks:
+    class Staged:
         def __init__(self, error):
             self.error = error
 
@@ -307,5 +307,5 @@ def test_a_first_look_replaces_a_method_only_with_half_the_error_of_another():
     # 2.5 errors of a first look may be 0.0025, and 0.005 of a further one
     for error, by_method, seen in ((9e-4, 0.35, 1024), (11e-4, 0.35, 4096), (11e-4, 0.3, 1024)):
         values = np.full(1, by_method), np.full(1, by_method)
-        drawn, confirmed, _ = judged(Looks(error), values, of_bounds, to_precision=True)
+        drawn, confirmed, _ = judged(Staged(error), values, of_bounds, to_precision=True)
         assert (drawn.draws[0], confirmed[0]) == (seen, by_method == 0.3)

@@ -15,7 +15,7 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.propagation import METHODS, band_of_scenario, distribution, propagate_scenario
 from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
+from radar_sense.propagation.staged import FIRST, GROWTH, LAST, StagedDraws
 
 #: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
 EXPANSION = 2 * (3 + 4) + 1
@@ -171,10 +171,10 @@ def test_a_second_question_makes_no_draw_twice(monkeypatch):
         made.update((tuple(pose), draws) for pose in states.aircraft)
         return estimate(states, draws, *args)
 
-    monkeypatch.setattr("radar_sense.propagation.looks.estimate", counted)
-    looks, wanted = Looks(states, 3.0), FIRST * GROWTH ** np.arange(4)
+    monkeypatch.setattr("radar_sense.propagation.staged.estimate", counted)
+    staged, wanted = StagedDraws(states, 3.0), FIRST * GROWTH ** np.arange(4)
     for last in (np.resize(wanted, len(states)), np.resize(wanted[::-1], len(states))):
-        drawn = looks.until(lambda rows, found, last=last: found.draws >= last[rows], LAST)
+        drawn = staged.until(lambda rows, found, last=last: found.draws >= last[rows], LAST)
         np.testing.assert_array_equal(drawn.draws, last)
         for pose, draws in enumerate(last):
             alone = estimate(states.at(np.array([pose])), int(draws), 3.0)

@@ -1,4 +1,4 @@
-"""Looks at poses by draws: few draws at first, and more where they do not settle a question."""
+"""Draws in stages: few at each pose at first, and more where they do not settle a question."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.states import ATTITUDE, POSITION, TILT_ERROR, of_radar
 from radar_sense.uncertain_states import UncertainStates
 
-#: Numbers of draws at a pose, from a first look to the last, each GROWTH times the one before.
-#: Where the RCS has lobes the first look is PRECISE: a lobe that weighs 0.13 % has five at least.
+#: Numbers of draws at a pose, from the first stage to the last, each GROWTH times the one before.
+#: Where the RCS has lobes the first stage is PRECISE: a lobe that weighs 0.13 % has five at least.
 GROWTH = 4
 LADDER = FIRST, FURTHER, PRECISE, MANY, LAST = [1024 * GROWTH**i for i in range(5)]
 
 
-class Looks:
+class StagedDraws:
     """Draws at poses, few at first and more where they do not settle a question.
 
     What a pose gets depends on this pose alone. Another question does not draw the same again.
@@ -29,7 +29,7 @@ class Looks:
         states: The uncertain states of k poses.
         beta: β of the bounds.
         p_max: Limit whose exceedance is counted; NaN for none.
-        first: What the first look says; None for one to be made.
+        first: What the first stage says; None for it to be drawn.
     """
 
     def __init__(
