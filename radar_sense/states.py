@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from radar_sense.errors import InputError
 
 FloatArray: TypeAlias = NDArray[np.float64]
-#: Poses computed at a time: arrays of 128 kB stay in a second-level cache.
+#: Numbers of an array that is computed at a time, one for each pose: 128 kB stay in a second-level
+#: cache.
 BLOCK = 16_384
 #: Largest sizes of a component and of a radar constant: R⁴ and the ratio S may not overflow.
 MOST, MOST_CONSTANT = 1e60, 1e200

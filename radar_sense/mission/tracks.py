@@ -23,10 +23,7 @@ from numpy.typing import NDArray
 
 from radar_sense.mission.schedule import Schedule
 from radar_sense.model.fusion import either
-from radar_sense.states import FloatArray, slices
-
-#: Numbers in one step of the Markov chain, which fit into a second-level cache.
-CHAIN_BLOCK = 65_536
+from radar_sense.states import BLOCK, FloatArray, slices
 
 
 def fuse(radars: Sequence[Sequence[int]], p_d: Sequence[FloatArray]) -> list[FloatArray]:
@@ -95,7 +92,7 @@ def m_of_n_track(p_d: FloatArray, m: int, n: int) -> FloatArray:
     # bit 0 of a history of the last n − 1 looks is the latest look
     detections = np.array([state.bit_count() for state in range(2 ** (n - 1))])
     p = np.empty(p_d.shape)
-    for rows in slices(p_d.shape[1], max(64, CHAIN_BLOCK // len(detections))):
+    for rows in slices(p_d.shape[1], max(64, BLOCK // len(detections))):
         _chain(p_d[:, rows], detections, m, n, p[:, rows])
     # a sum of rounded terms may exceed 1 by its rounding error
     return np.minimum(p, 1.0, out=p)

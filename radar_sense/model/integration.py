@@ -36,12 +36,10 @@ from numpy.typing import NDArray
 from scipy.special import betainc, betainccinv, betaincinv, comb, gammainc, gammainccinv, gammaln
 
 from radar_sense.errors import InputError
-from radar_sense.states import FloatArray, slices
+from radar_sense.states import BLOCK, FloatArray, slices
 
 #: Terms below exp(−45) = 3e-20 of the largest are left out.
 _NEGLIGIBLE = 45.0
-#: Terms in memory at once.
-_BLOCK = 1 << 19
 #: Largest threshold of a pulse, 30 dB above noise. CFAR with few cells needs more for a small P_fa.
 _HIGHEST = 1000.0
 #: Least count of the signal in a miss for which the miss is an integral in place of a sum. The
@@ -177,7 +175,7 @@ class PulseSum:
         # a NaN stays one, and ln 0 is −∞ where nothing is beyond the last k
         with np.errstate(divide="ignore", under="ignore", invalid="ignore"):
             factor = 1.0 + k / self.shape
-            for block in slices(len(mean), max(1, _BLOCK // len(k))):
+            for block in slices(len(mean), max(1, BLOCK // len(k))):
                 m = mean[block, np.newaxis]
                 log_weight = _log_over_zero(k, m, self.shape)
                 terms = log_weight + log_tails

@@ -17,11 +17,10 @@ from scipy.special import ndtri
 from radar_sense.cost import MOST_BYTES
 from radar_sense.errors import InputError
 from radar_sense.states import FloatArray
+from radar_sense.uncertain_states import MAX_NUMBERS
 
 #: Independent scramblings of the same size. The spread of their results gives the standard errors.
 REPLICATES = 8
-#: Limit of the function values at a time (8 MB). The result does not depend on the limit.
-MAX_VALUES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +84,7 @@ def sobol_indices(
             f"{MOST_BYTES / 1e9:g} GB; at most {fit:,} runs fit"
         )
     # at least 2, because SciPy rounds the mean of a single output differently
-    block = max(2, MAX_VALUES // ((len(groups) + 2) << exponent))
+    block = max(2, MAX_NUMBERS // ((len(groups) + 2) << exponent))
     starts = [*range(0, max(outputs - 1, 1), block)]
     slices = [slice(*ends) for ends in zip(starts, [*starts[1:], outputs], strict=True)]
     replicates = []

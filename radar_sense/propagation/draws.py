@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.propagation.emphasis import Mixture
-from radar_sense.states import FloatArray, slices
+from radar_sense.states import BLOCK, FloatArray, slices
 from radar_sense.streams import Stream, random_stream
 from radar_sense.uncertain_states import UncertainStates
 
@@ -24,8 +24,6 @@ from radar_sense.uncertain_states import UncertainStates
 DRAWS = 1024
 #: Width of a stratum [standard deviations]. Twice or a quarter of it hardly changes an error.
 STRATUM = 0.5
-#: Numbers of an array that is computed at a time (2 MB), and of P_D that are kept (8 MB).
-TOGETHER, KEPT = 2**18, 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +88,11 @@ def estimate(
     found.draws[:] = draws
     if np.isnan(p_max):
         found.values[4] = found.errors[4] = np.nan
-    size = max(1, KEPT // draws)
     for poses, part in states.by_sight():
-        for start, block in enumerate(part.cut(size)):
+        for block in part.blocks(2 * draws):  # P_D and weights
             block = _row_by_row(block)
             mixture = None if plain else Mixture.of(block, beta)
-            rows = poses[start * size :][: len(block)]
+            rows, poses = np.split(poses, [len(block)])
             found.put(rows, _estimate(*_draw(block, mixture, draws), beta, p_max))
     return found
 
@@ -110,7 +107,7 @@ def _draw(
     p_d, towards = np.empty((len(states), draws)), np.zeros((2, len(states), draws))
     weights = np.full(p_d.shape, 1.0 / draws)
     rng, d = random_stream(states.seed, Stream.EMPHASIS, draws), states.normals
-    size = max(1, TOGETHER // (min(draws, DRAWS) * d))
+    size = max(1, BLOCK // DRAWS)
     for start in range(0, draws, DRAWS):
         normals = rng.standard_normal((d, min(DRAWS, draws - start)))
         n = normals.shape[1]

@@ -30,6 +30,7 @@ from radar_sense.model.radar_equation import MOST_NEPERS
 from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
+    BLOCK,
     CONSTANT,
     POSITION,
     RADAR_AND_ERRORS,
@@ -44,8 +45,6 @@ from radar_sense.uncertain_states import UncertainStates
 #: They then describe the z of a radar over the region of the states, not at a point. The fusion of
 #: several radars is differentiated at the nominal states.
 STEP = 0.5
-#: Numbers of the matrices F that are copied at a time, which stay in the processor's cache (1 MB).
-GATHERED = 131_072
 
 _ATTITUDE = slice(0, 3)  # in the relative states
 _RADARS = slice(3, None)
@@ -249,8 +248,7 @@ class StandardNormalSpace:
         """Return z (j,) and its gradient (r, j) at u (r, j) of the poses (j,)."""
         n, r = self.sqrt_cov.shape[1:]
         error, by_u = np.empty((n, len(pose))), np.empty((r, len(pose)))
-        size = GATHERED // max(1, n * r) + 1
-        parts = list(slices(len(pose), size))
+        parts = list(slices(len(pose), BLOCK // max(1, n * r) + 1))
         for part in parts:
             np.einsum("kij,jk->ik", self.sqrt_cov[pose[part]], u[:, part], out=error[:, part])
         value, by_y = self.probit(error, pose)

@@ -78,7 +78,7 @@ def test_blocks_of_outputs_do_not_change_a_bit(monkeypatch, values):
         return nine(u, outputs)
 
     expected = sobol_indices(nine, [[0], [1]], outputs=9, samples=2**11, seed=3)
-    monkeypatch.setattr(sobol, "MAX_VALUES", values)
+    monkeypatch.setattr(sobol, "MAX_NUMBERS", values)
     indices = sobol_indices(counted, [[0], [1]], outputs=9, samples=2**11, seed=3)
     assert sum(sizes) == 9 * 8 * (2 + 2)
     assert (min(sizes), max(sizes)) == ((2, 3) if values < 10**7 else (9, 9))
@@ -89,7 +89,7 @@ def test_blocks_of_outputs_do_not_change_a_bit(monkeypatch, values):
 
 
 def test_memory_does_not_grow_with_the_outputs(monkeypatch):
-    monkeypatch.setattr(sobol, "MAX_VALUES", 200_000)
+    monkeypatch.setattr(sobol, "MAX_NUMBERS", 200_000)
 
     def peak(outputs):
         tracemalloc.start()
