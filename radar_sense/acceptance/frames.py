@@ -7,13 +7,12 @@ from numpy.typing import NDArray
 
 from radar_sense.covariance import largest_variance, square_root
 from radar_sense.model import geodesy
+from radar_sense.propagation.moments import BETA
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, POSITION, FloatArray
 
 #: Angle [rad] that is smaller than any lobe of an aircraft.
 LEAST_TURN = 1e-4
-#: Size of an error [standard deviations].
-ERROR = 3.0
 
 
 def turned_wrongly(scenario: Scenario) -> NDArray[np.bool_]:
@@ -26,7 +25,7 @@ def turned_wrongly(scenario: Scenario) -> NDArray[np.bool_]:
         return np.zeros(len(scenario.aircraft), dtype=bool)
     tilt = np.arccos(np.clip(turn_from_level(scenario)[:, 2, 2], -1.0, 1.0))
     variance = largest_variance(scenario.cov_aircraft.reshape(-1, 6, 6), ATTITUDE)
-    return np.asarray(0.5 * tilt * ERROR**2 * variance > LEAST_TURN)
+    return np.asarray(0.5 * tilt * BETA**2 * variance > LEAST_TURN)
 
 
 def attitude_off(scenario: Scenario) -> FloatArray:
@@ -44,7 +43,7 @@ def attitude_off(scenario: Scenario) -> FloatArray:
     to_level = geodesy.turned_attitude_jacobian(attitude, level)
     root = square_root(scenario.cov_aircraft.reshape(-1, 6, 6)[:, ATTITUDE, ATTITUDE])
     for column in np.moveaxis(root, -1, 0):
-        for error in (ERROR * column, -ERROR * column):
+        for error in (BETA * column, -BETA * column):
             of_level = (to_level @ error[..., np.newaxis])[..., 0]
             ends = attitude + error, geodesy.turned_attitude(level + of_level, turn)
             first_order, exact = (

@@ -35,9 +35,10 @@ from radar_sense.command import (
 from radar_sense.cost import foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import RUNS, WINDOW, Limit
+from radar_sense.mission.bounds import Cumulative
 from radar_sense.mission.draws import MissionDraws, draw_missions
 from radar_sense.mission.looks import Looks
-from radar_sense.mission.recombined import Cumulative, recombined_missions
+from radar_sense.mission.recombined import recombined_missions
 from radar_sense.mission.tracks import fuse, p_d_by_time
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.scenario import Scenario

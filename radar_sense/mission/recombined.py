@@ -14,36 +14,34 @@ which bounds all weights by 2 (a defensive mixture: T. Hesterberg, "Weighted ave
 sampling and defensive mixture distributions", Technometrics 37(2), 1995). Weights change the
 standard error of a bound, and not what it is a bound of.
 
-All is done in independent replicates. The spread of their bounds gives the standard errors. A bound
-is computed at each time that P may rise at, and none is interpolated.
+All is done in independent replicates, see `bounds`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtri
 
 from radar_sense.cost import foresee
 from radar_sense.covariance import block_diagonal
-from radar_sense.mission.looks import Looks
-from radar_sense.mission.schedule import Schedule
-from radar_sense.mission.tracks import (
-    detection_by_time,
-    event_probabilities,
-    fuse,
-    m_of_n_track,
-    track_by_time,
+from radar_sense.mission.bounds import (
+    PARTS,
+    Cumulative,
+    Weighted,
+    pooled,
+    ranks_about,
+    weighted_statistics,
 )
+from radar_sense.mission.looks import Looks
+from radar_sense.mission.tracks import event_probabilities, m_of_n_track
+from radar_sense.model.fusion import either
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.parallel import in_order
-from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.progress import report
 from radar_sense.states import AIRCRAFT, FloatArray, of_each
 from radar_sense.streams import Stream, random_stream
@@ -64,29 +62,6 @@ REPLICATES = 8
 LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 4_000_000, 256, 8192, 256
 #: Draws of each radar for one path, and combinations of them, if there are several radars.
 DRAWS_PER_PATH, COMBINATIONS_PER_PATH = 8, 16
-#: Ranks of the quantiles of a replicate, as parts of the rank of a bound, which is in the middle.
-PARTS = np.geomspace(1 / 4, 4, 33)
-#: Draws are spread down to this rank, a quarter of the rank of a bound at 3σ.
-LEAST_RANK = 0.25 * TAIL
-#: Largest rank of a quantile.
-MOST_RANK = 0.9
-
-
-@dataclass(frozen=True, eq=False)
-class Cumulative(DrawStatistics):
-    """Statistics of the probability of an event by each time (K,), with bounds at Φ(−k) and Φ(k).
-
-    Attributes:
-        lower_se: Standard error of `lower`.
-        upper_se: Standard error of `upper`.
-        mean_se: Standard error of `mean`.
-        p: Probability with the nominal states.
-    """
-
-    lower_se: FloatArray
-    upper_se: FloatArray
-    mean_se: FloatArray
-    p: FloatArray
 
 
 def recombined_missions(
@@ -102,7 +77,7 @@ def recombined_missions(
     radar has one entry. Tracks are m detections of n looks. Bounds are at kσ, with k at most 3: the
     draws reach no farther. The result does not depend on the number of workers.
     """
-    p_d, plan = looks.nominal_p_d(), _Plan.of(looks, m_of_n, _ranks(k))
+    p_d, plan = looks.nominal_p_d(), _Plan.of(looks, m_of_n, ranks_about(k))
     plan.foresee(workers)
     replicates = []
     for replicate in in_order(plan.replicate, REPLICATES, workers):
@@ -112,25 +87,9 @@ def recombined_missions(
     for i in range(len(p_d) if len(p_d) > 1 else 0):
         nominal.append(event_probabilities(looks.schedule.of_radar(i), [p_d[i]], m_of_n))
     return [
-        [_pooled(plan.ranks, *event) for event in zip(*source, strict=True)]
+        [pooled(plan.ranks, *event) for event in zip(*source, strict=True)]
         for source in zip(nominal, *replicates, strict=True)
     ]
-
-
-class _Weighted(NamedTuple):
-    """Statistics of weighted draws at K times.
-
-    Attributes:
-        mean: Mean (K,).
-        variance: Variance (K,).
-        lower: Quantiles at ranks (K, q).
-        upper: Quantiles at 1 − ranks (K, q).
-    """
-
-    mean: FloatArray
-    variance: FloatArray
-    lower: FloatArray
-    upper: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +104,7 @@ class _Plan:
         work: Work of a look, in evaluations of P_D.
         paths: Number of paths of a replicate.
         draws: Number of draws of each radar for one path.
+        ranks: Ranks (q,) of the quantiles of a replicate.
     """
 
     looks: Looks
@@ -185,7 +145,7 @@ class _Plan:
         less = "a longer scan_period_s, or a shorter window"
         foresee(f"{looks:,} looks", evaluations, memory * workers, less=less, workers=workers)
 
-    def replicate(self, number: int) -> list[list[_Weighted]]:
+    def replicate(self, number: int) -> list[list[Weighted]]:
         """Return statistics of the events, for all radars and for each radar by itself."""
         looks, shape = self.looks, (self.paths, self.draws)
         generator = random_stream(looks.scenario.seed, Stream.RECOMBINED, number)
@@ -195,23 +155,36 @@ class _Plan:
         weights: list[FloatArray] = []
         for states in self.states:
             by_radar, weight = self._draw(generator, states, first=len(p_d))
-            for radar in by_radar:
-                p_d.append(looks.p_d(len(p_d), poses, radar.reshape(*shape, -1)))
+            for state in by_radar:
+                p_d.append(looks.p_d(len(p_d), poses, state.reshape(*shape, -1)))
                 weights.append(weight)
         if len(self.states) > 1:
             picks, weight = combine(generator, weights, shape, COMBINATIONS_PER_PATH)
         else:
             picks, weight = [np.arange(len(weight))] * len(p_d), weights[0]
-        tracks = [] if self.m_of_n is None else [m_of_n_track(p, *self.m_of_n) for p in p_d]
+        each = [self._events(p) for p in p_d]
         seen = [times[p.any(axis=1)] for times, p in zip(looks.times, p_d, strict=True)]
-        network = self._combined(p_d, tracks, picks)
+        of_groups = []
+        for group in looks.schedule.radars:
+            if len(group) > 1:
+                fused = reduce(either, (p_d[radar][:, picks[radar]] for radar in group))
+                of_groups.append(self._events(fused))
+            else:  # its tracks are known
+                (radar,) = group
+                of_groups.append([event[:, picks[radar]] for event in each[radar]])
         whole = reduce(np.union1d, seen)
-        results = [_statistics(looks.schedule, network, whole, weight, self.ranks)]
+        results = [weighted_statistics(looks.schedule, of_groups, whole, weight, self.ranks)]
         for i in range(len(p_d) if len(p_d) > 1 else 0):
-            alone = [[p_d[i]], *([t] for t in tracks[i : i + 1])]
             own = looks.schedule.of_radar(i)
-            results.append(_statistics(own, alone, seen[i], weights[i], self.ranks))
+            results.append(weighted_statistics(own, [each[i]], seen[i], weights[i], self.ranks))
         return results
+
+    def _events(self, p_d: FloatArray) -> list[FloatArray]:
+        """Return P_D (L, n) of the looks of a scan group, and the probability of a track by each.
+
+        Without tracks it is P_D alone.
+        """
+        return [p_d] if self.m_of_n is None else [p_d, m_of_n_track(p_d, *self.m_of_n)]
 
     def _draw(
         self, generator: np.random.Generator, states: UncertainStates, first: int
@@ -226,26 +199,6 @@ class _Plan:
             p_d += self.looks.radars[i].model.p_d(aircraft, own).sum(axis=0)
         chosen, weight = choose(generator, p_d, weight, draws)
         return [own[chosen] for own in by_radar], weight
-
-    def _combined(
-        self,
-        p_d: Sequence[FloatArray],
-        tracks: Sequence[FloatArray],
-        picks: Sequence[NDArray[np.intp]],
-    ) -> list[list[FloatArray]]:
-        """Return P_D (L, n) of each scan group, and the probability of a track by each.
-
-        P_D and tracks of each radar alone are (L, draws). The picks (n,) are combined.
-        """
-        radars = self.looks.schedule.radars
-        groups = fuse(radars, [p[:, pick] for p, pick in zip(p_d, picks, strict=True)])
-        if self.m_of_n is None:
-            return [groups]
-        of_groups = [
-            m_of_n_track(p, *self.m_of_n) if others else tracks[first][:, picks[first]]
-            for (first, *others), p in zip(radars, groups, strict=True)
-        ]
-        return [groups, of_groups]
 
 
 def widened_normals(
@@ -274,9 +227,10 @@ def choose(
     """
     order, share, rank = np.argsort(value), weight / weight.sum(), np.empty(len(value))
     rank[order] = np.cumsum(share[order]) - 0.5 * share[order]
-    # the densities of widened errors, and of even logarithms of ranks from either end
+    # the densities of widened errors, and of even logarithms of ranks from either end, down to the
+    # least rank of a bound at 3σ
     widened = 1.0 / weight - 1.0 + SHARE
-    extreme = 1.0 / np.maximum(np.minimum(rank, 1.0 - rank), LEAST_RANK)
+    extreme = 1.0 / np.maximum(np.minimum(rank, 1.0 - rank), PARTS[0] * TAIL)
     tails = (widened / np.sum(share * widened) + extreme / np.sum(share * extreme)) / 2.0
     ratio = 1.0 - SHARE + SHARE * tails
     total = np.cumsum(share * ratio)
@@ -320,96 +274,3 @@ def combine(
         mass, one, every = mass * mean, one + ratio / radars, every * ratio
         picks.append(np.ravel(pick + draws * np.arange(paths)[:, np.newaxis]))
     return picks, np.ravel(mass / ((1.0 - SHARE) * one + SHARE * every))
-
-
-def _statistics(
-    schedule: Schedule,
-    by_event: Sequence[Sequence[FloatArray]],
-    seen: NDArray[np.intp],
-    weight: FloatArray,
-    ranks: FloatArray,
-) -> list[_Weighted]:
-    """Return statistics of detection, and of a track, by each time.
-
-    `by_event` has P_D (L, n) of each scan group, and the probability of a track by each. P changes
-    at no other times than those `seen`, at which a radar may see the aircraft.
-    """
-    times, share = np.union1d([0], seen), weight / weight.sum()
-    latest = np.searchsorted(times, np.arange(len(schedule.time)), side="right") - 1
-    results = []
-    for by_time, of_groups in zip((detection_by_time, track_by_time), by_event, strict=False):
-        values = by_time(schedule, of_groups, times)
-        mean = np.einsum("kn,n->k", values, share)
-        variance = [np.sum(share * (row - m) ** 2) for row, m in zip(values, mean, strict=True)]
-        # Each draw grows with time. Its lower tail is therefore followed backwards.
-        lower = -upper_tails(-values[::-1], share, ranks)[::-1]
-        statistics = mean, np.array(variance), lower, upper_tails(values, share, ranks)
-        results.append(_Weighted(*(of_times[latest] for of_times in statistics)))
-    return results
-
-
-def _ranks(k: float) -> FloatArray:
-    """Return the ranks (q,) of the quantiles about a bound at kσ, which is in the middle."""
-    tail = float(ndtr(-k))
-    return tail * PARTS ** min(1.0, math.log(MOST_RANK / tail) / math.log(PARTS[-1]))
-
-
-def upper_tails(values: FloatArray, share: FloatArray, ranks: FloatArray) -> FloatArray:
-    """Return the quantiles (K, q) at 1 − ranks (q,) of values (K, n), which grow with k.
-
-    The draws in the tail at one time are above the least draw of the tail at the time before. Each
-    draw has a share (n,) in the distribution.
-    """
-    quantiles, least = np.empty((len(values), len(ranks))), -np.inf
-    for k, row in enumerate(values):
-        (largest,) = (row >= least).nonzero()
-        largest = largest[(-row[largest]).argsort()]
-        rank = share[largest].cumsum()
-        # the rank of a draw is the middle of its share
-        quantiles[k] = np.interp(ranks, rank - 0.5 * share[largest], row[largest])
-        tail = min(rank.searchsorted(ranks[-1]) + 1, len(largest) - 1)
-        least = row[largest[tail]]
-    return quantiles
-
-
-def _pooled(ranks: FloatArray, nominal: FloatArray, *replicates: _Weighted) -> Cumulative:
-    """Return the bounds (K,) of all replicates, and their standard errors."""
-    p, middle = nominal[:, 0], len(ranks) // 2
-    means, variances, lowers, uppers = (np.array(v) for v in zip(*replicates, strict=True))
-    mean = means.mean(axis=0)
-    std = np.sqrt(variances.mean(axis=0) + means.var(axis=0))
-    lower, upper = pooled_quantiles(lowers, ranks), -pooled_quantiles(-uppers, ranks)
-    lower_se, upper_se, mean_se = (
-        found.std(axis=0, ddof=1) / math.sqrt(len(replicates))
-        for found in (lowers[..., middle], uppers[..., middle], means)
-    )
-    # A deviation within rounding is no uncertainty. Each draw grows with time, as do mean and
-    # bounds. The accumulation removes rounding errors, and the sum −0.
-    certain = std <= 1e-12 * mean
-    mean, lower, upper = (
-        np.maximum.accumulate(np.where(certain, p, v)) + 0.0 for v in (mean, lower, upper)
-    )
-    std, lower_se, upper_se, mean_se = (
-        np.where(certain, 0.0, v) for v in (std, lower_se, upper_se, mean_se)
-    )
-    return Cumulative(mean, std, lower, upper, lower_se, upper_se, mean_se, p)
-
-
-def pooled_quantiles(tails: FloatArray, ranks: FloatArray) -> FloatArray:
-    """Return the quantiles (K,) at the middle rank of the draws of all replicates together.
-
-    They follow from the quantiles of each replicate (r, K, q). The mean of these would have the
-    bias of a quantile of few draws. A value that many draws have, such as 0, has the ranks from its
-    first to its last.
-    """
-    changed = np.append(True, np.any(tails[:, 1:] != tails[:, :-1], axis=(0, 2)))
-    quantiles = []
-    for of_time in np.moveaxis(tails[:, changed], 1, 0):
-        values = np.unique(of_time)
-        last = sum(np.interp(values, tail, ranks, left=0.0) for tail in of_time)
-        # numpy.interp takes the last of equal values, and so the first from above
-        first = sum(-np.interp(-values, -tail[::-1], -ranks[::-1], right=0.0) for tail in of_time)
-        rank = np.column_stack([first, last]) / len(tails)
-        quantiles.append(np.interp(ranks[len(ranks) // 2], np.ravel(rank), np.repeat(values, 2)))
-    # where no radar sees the aircraft, nothing changes
-    return np.asarray(np.array(quantiles)[np.cumsum(changed) - 1])

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from radar_sense.cost import foresee
 from radar_sense.limits import Limit, check_number
-from radar_sense.montecarlo.montecarlo import BETA, ROUNDING
+from radar_sense.montecarlo.montecarlo import ROUNDING
 from radar_sense.progress import report
 from radar_sense.propagation import Moments
 from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.moments import BETA
 from radar_sense.propagation.staged import GROWTH, PRECISE
 from radar_sense.states import FloatArray
 from radar_sense.streams import Stream, random_stream

@@ -25,6 +25,7 @@ from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
 from radar_sense.montecarlo.statistics import DrawStatistics, Statistics, binomial_interval
 from radar_sense.progress import report
 from radar_sense.propagation import Moments, propagate_scenario
+from radar_sense.propagation.moments import BETA
 from radar_sense.scenario import Scenario, check_scenario
 from radar_sense.states import FloatArray
 
@@ -33,9 +34,7 @@ SAMPLES_PER_BLOCK = 131_072
 #: Limits of the runs kept for the figure: number of runs, and number of values of P_D.
 MAX_SAMPLE_PATHS = 500
 MAX_SAMPLE_PATH_POINTS = 2_000_000
-#: The bounds of the draws are at Φ(−β) and Φ(β).
-BETA = 3.0
-#: Probability beyond either bound.
+#: Probability beyond either bound of the draws.
 TAIL = float(ndtr(-BETA))
 #: Relative rounding of P_D. Method and draws may round the same value differently.
 ROUNDING = 1e-13

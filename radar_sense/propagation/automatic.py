@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.form import Form
-from radar_sense.propagation.moments import Distribution
+from radar_sense.propagation.moments import BETA, Distribution
 from radar_sense.propagation.staged import FIRST, LAST, MANY, PRECISE, StagedDraws
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
@@ -26,8 +26,6 @@ BOUND_CHANGE, PART_OF_BOUND, STD_CHANGE = 0.005, 0.1, 0.05
 #: Differences of P_D below the first are never off: no output shows them. Below the second, they
 #: may hide in the noise of the draws.
 LEAST_CHANGE, LEAST_TOLD = 1e-6, 2e-5
-#: β of the draws that say something of mean, σ and probabilities.
-JUDGED = 3.0
 #: Standard errors within which a value is taken to be.
 ERRORS = 2.5
 
@@ -136,7 +134,7 @@ class Automatic(Distribution):
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) by draws."""
-        return estimate(self.states, PRECISE, JUDGED, p_max).above[0]
+        return estimate(self.states, PRECISE, BETA, p_max).above[0]
 
     def with_covariances(self, changed: UncertainStates) -> Automatic:
         """Return the method for the same states with other covariances."""
@@ -145,7 +143,7 @@ class Automatic(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        by_form, staged = self._form.moments, self._staged_at(JUDGED)
+        by_form, staged = self._form.moments, self._staged_at(BETA)
         drawn, confirmed, _ = judged(staged, by_form, of_moments, to_precision=True)
         mean, std = np.where(confirmed, by_form, drawn.moments[0])
         return mean, std

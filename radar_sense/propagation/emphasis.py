@@ -20,6 +20,7 @@ mixture, are exact for any choice.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,6 +28,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from radar_sense.limits import MIN_RANGE
 from radar_sense.model.antenna import Mask
 from radar_sense.model.geometry import Attitude, Vector, radar_from_aircraft, slant_range
 from radar_sense.model.horizon import Horizon
@@ -53,12 +55,10 @@ FALLING, LEAST_PART = 0.25, 0.1
 STEPS, NEAR = 6, 0.05
 #: Least c_r on the way to an extreme, as a part of its nominal value.
 LEAST_CONSTANT = 1e-3
-#: Least height [m] on the way above a horizon.
-LEAST_HEIGHT = 1.0
 #: Step of a difference, as a part of the range.
 DIFFERENCE = 1e-4
-#: Largest ln of a ratio of densities. The weight of such a draw is 0.
-MOST = 600.0
+#: Largest ln of a ratio of densities, which does not overflow. The weight of such a draw is 0.
+MOST = math.log(sys.float_info.max)
 #: A direction counts if its singular value is above this part of the largest.
 INDEPENDENT = 1e-6
 
@@ -241,10 +241,13 @@ def _of_horizon(
     number: int,
     horizon: Horizon,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the gradient of √h + √h', of the heights of the aircraft and of a radar."""
+    """Return the gradient of √h + √h', of the heights of the aircraft and of a radar.
+
+    A height is `MIN_RANGE` at least, so that the gradient is finite.
+    """
 
     def by_down(position: FloatArray) -> FloatArray:
-        return -0.5 / np.sqrt(np.maximum(horizon.height(position), LEAST_HEIGHT))
+        return -0.5 / np.sqrt(np.maximum(horizon.height(position), MIN_RANGE))
 
     own = of_radar(number, POSITION)
     of_aircraft = DOWN, by_down(aircraft[:, POSITION])

@@ -18,18 +18,11 @@ from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.progress import report
-from radar_sense.propagation.automatic import (
-    BOUND_CHANGE,
-    JUDGED,
-    Automatic,
-    judged,
-    of_bounds,
-    of_moments,
-)
+from radar_sense.propagation.automatic import BOUND_CHANGE, Automatic, judged, of_bounds, of_moments
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.linear import Linear
-from radar_sense.propagation.moments import Distribution
+from radar_sense.propagation.moments import BETA, Distribution
 from radar_sense.propagation.plain import PlainDraws
 from radar_sense.propagation.probit import Probit
 from radar_sense.propagation.staged import FIRST, StagedDraws
@@ -140,7 +133,7 @@ def propagate(
     cov_radar: ArrayLike,
     *,
     method: str = AUTOMATIC,
-    beta: float = 3.0,
+    beta: float = BETA,
 ) -> Moments:
     """Return mean, standard deviation and bounds of P_D by a method named in `METHODS`.
 
@@ -173,7 +166,7 @@ def unreliable(
     cov_radar: ArrayLike,
     *,
     method: str = AUTOMATIC,
-    beta: float = 3.0,
+    beta: float = BETA,
 ) -> NDArray[np.bool_]:
     """Return where (...) draws say that mean, σ or a bound of a method is off, or not precise.
 
@@ -187,7 +180,7 @@ def unreliable(
 
 
 def propagate_scenario(
-    scenario: Scenario, *, method: str = AUTOMATIC, beta: float = 3.0, p_max: float | None = None
+    scenario: Scenario, *, method: str = AUTOMATIC, beta: float = BETA, p_max: float | None = None
 ) -> Moments:
     """Return the moments of P_D (n,) at every pose of a scenario, at its level, as `propagate`.
 
@@ -197,7 +190,7 @@ def propagate_scenario(
 
 
 def band_of_scenario(
-    scenario: Scenario, *, method: str, beta: float = 3.0, p_max: float | None = None
+    scenario: Scenario, *, method: str, beta: float = BETA, p_max: float | None = None
 ) -> Band:
     """Return what `propagate_scenario` returns without mean and σ, which cost more."""
     parts = _distributions(scenario.states(), method, p_max)
@@ -205,7 +198,7 @@ def band_of_scenario(
 
 
 def unreliable_in_scenario(
-    scenario: Scenario, moments: Moments, *, method: str = AUTOMATIC, beta: float = 3.0
+    scenario: Scenario, moments: Moments, *, method: str = AUTOMATIC, beta: float = BETA
 ) -> NDArray[np.bool_]:
     """Return where (n,) the moments of a scenario by a method are off, as `unreliable` does."""
     return _unreliable(scenario.states(), moments, method, beta)
@@ -234,7 +227,7 @@ def std_off_in_scenario(
         return np.zeros(len(std), dtype=bool)
     states = scenario.states()
     _foresee(states, FIRST)
-    return judged(StagedDraws(states, JUDGED), (mean, std), of_moments, to_precision=True)[2]
+    return judged(StagedDraws(states, BETA), (mean, std), of_moments, to_precision=True)[2]
 
 
 def no_draws(method: str) -> None:

@@ -10,6 +10,8 @@ from scipy.special import ndtr
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
+#: Number of σ of a bound where none is asked for, that of the paper.
+BETA = 3.0
 #: Nodes and weights (16, 1) of integrals from −1 to 1.
 _NODES, _WEIGHTS = (x[:, np.newaxis] for x in np.polynomial.legendre.leggauss(16))
 

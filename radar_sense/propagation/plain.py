@@ -6,9 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from radar_sense.propagation.automatic import JUDGED
 from radar_sense.propagation.draws import Estimate, estimate
-from radar_sense.propagation.moments import Distribution
+from radar_sense.propagation.moments import BETA, Distribution
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
@@ -24,7 +23,7 @@ class PlainDraws(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        mean, std = self._drawn(JUDGED).moments[0]
+        mean, std = self._drawn(BETA).moments[0]
         return mean, std
 
     def quantile(self, beta: float) -> FloatArray:
@@ -37,7 +36,7 @@ class PlainDraws(Distribution):
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,)."""
-        return estimate(self.states, self.states.runs, JUDGED, p_max, plain=True).above[0]
+        return estimate(self.states, self.states.runs, BETA, p_max, plain=True).above[0]
 
     def with_covariances(self, changed: UncertainStates) -> PlainDraws:
         """Return the method for the same states with other covariances."""

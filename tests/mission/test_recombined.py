@@ -14,17 +14,10 @@ from studies.bands.model import Oracle
 
 import radar_sense as rs
 from radar_sense.mission import recombined
+from radar_sense.mission.bounds import PARTS, pooled_quantiles, upper_tails
 from radar_sense.mission.draws import draw_missions
 from radar_sense.mission.looks import Looks
-from radar_sense.mission.recombined import (
-    PARTS,
-    choose,
-    combine,
-    pooled_quantiles,
-    recombined_missions,
-    upper_tails,
-    widened_normals,
-)
+from radar_sense.mission.recombined import choose, combine, recombined_missions, widened_normals
 from radar_sense.progress import listening
 
 ROUTE = """time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg
