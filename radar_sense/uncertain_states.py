@@ -81,7 +81,7 @@ class UncertainStates:
 
     def __len__(self) -> int:
         """Number of poses."""
-        lengths = [len(array) for array in self._arrays]
+        lengths = [*map(len, self._arrays)]
         return max(lengths) if min(lengths) else 0
 
     @property

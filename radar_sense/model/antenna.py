@@ -117,7 +117,7 @@ class ElevationGain(_Directions):
     def _level_parts(self, line: Vector) -> tuple[list[FloatArray], FloatArray, FloatArray]:
         """Return the level part of d by component, its part along down, and the level distance."""
         down = self.axes[:, DOWN]
-        height = sum((d * x for d, x in zip(down, line, strict=True)), np.zeros(()))
+        height = _along(down, line)
         level = [x - d * height for d, x in zip(down, line, strict=True)]
         return level, height, np.sqrt(sum((u * u for u in level), np.zeros(())))
 
@@ -193,9 +193,11 @@ class Mask(_Directions):
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return azimuth, elevation [rad] and distance [m] of aircraft, each (...)."""
         line = radar_from_aircraft(np.asarray(aircraft), np.asarray(radar))
-        north, east, down = (
-            sum((a * x for a, x in zip(axis, line, strict=True)), np.zeros(()))
-            for axis in self.axes.T
-        )
+        north, east, down = (_along(axis, line) for axis in self.axes.T)
         across = np.hypot(north, east)
         return np.arctan2(-east, -north), np.arctan2(down, across), np.hypot(across, down)
+
+
+def _along(axis: FloatArray, line: Vector) -> FloatArray:
+    """Return the component (...) of vectors along a direction (3,)."""
+    return sum((a * x for a, x in zip(axis, line, strict=True)), np.zeros(()))

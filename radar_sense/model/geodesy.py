@@ -21,6 +21,8 @@ from −π to π, and pitch from −π/2 to π/2.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -98,7 +100,7 @@ def ned_axes(geodetic: ArrayLike) -> FloatArray:
         (-sin_lon, cos_lon, np.zeros_like(cos)),
         (-cos * cos_lon, -cos * sin_lon, -sin),
     )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return _matrix(rows)
 
 
 def ned_from_geodetic(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
@@ -164,10 +166,7 @@ def turned_attitude_jacobian(attitude: FloatArray, turned: FloatArray) -> FloatA
     roll, pitch = attitude[..., 0], attitude[..., 1]
     sin, cos, across = np.sin(roll), np.cos(roll), np.cos(pitch)
     rates = ((one, zero, -np.sin(pitch)), (zero, cos, sin * across), (zero, -sin, cos * across))
-    left, right = (
-        np.stack([np.stack(row, axis=-1) for row in matrix], axis=-2) for matrix in (inverse, rates)
-    )
-    jacobian: FloatArray = np.matmul(left, right)
+    jacobian: FloatArray = np.matmul(_matrix(inverse), _matrix(rates))
     return jacobian
 
 
@@ -185,7 +184,7 @@ def body_axes(attitude: ArrayLike) -> FloatArray:
         (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp),
         (cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp),
     )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return _matrix(rows)
 
 
 def euler_angles(axes: FloatArray) -> FloatArray:
@@ -202,6 +201,11 @@ def euler_angles(axes: FloatArray) -> FloatArray:
         sin * bottom[..., 0] - cos * bottom[..., 1], cos * wing[..., 1] - sin * wing[..., 0]
     )
     return join((roll, pitch, yaw))
+
+
+def _matrix(rows: Sequence[Sequence[FloatArray]]) -> FloatArray:
+    """Return matrices (..., 3, 3) from their entries (...)."""
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def _meridian(

@@ -125,7 +125,7 @@ def attitude_of_motion(
         ) from error
 
 
-def turn_to_origin(
+def attitude_in_frame(
     place: FloatArray, attitude: FloatArray, origin: tuple[float, ...]
 ) -> FloatArray:
     """Return attitudes (n, 3), relative to level at places (n, 3), in the frame of an origin."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
-from radar_sense.model.track import attitude_of_motion, covariance_in_frame, turn_to_origin
+from radar_sense.model.track import attitude_in_frame, attitude_of_motion, covariance_in_frame
 from radar_sense.states import POSITION, FloatArray, ReadOnly, slices
 
 #: Most poses of a route.
@@ -138,7 +138,7 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
             place = geodesy.geodetic_from_ned(position, route.origin)
         attitude = attitude_of_motion("route", place, velocity, acceleration, route.origin)
         if route.origin is not None:
-            attitude = turn_to_origin(place, attitude, route.origin)
+            attitude = attitude_in_frame(place, attitude, route.origin)
     aircraft = np.hstack([position, attitude])
     covariance = _covariance(route, time, aircraft)
     return Route(time, aircraft, covariance, route.attitude_given, route.origin)

@@ -120,8 +120,7 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
     while rows.size and count < MOST_DRAWS:
         count = min(GROWTH * count, MOST_DRAWS)
         drawn[:, rows], error[:, rows] = draw_in_parts(states.at(rows), count, beta)
-        draws[rows] = count
-        verdict = Verdict(values, drawn, error, delta, draws)
+        draws[rows] = count  # the verdict has these arrays
         rows = np.flatnonzero(verdict.undecided)
         report("poses", n - len(rows), n)
     return verdict

@@ -118,24 +118,34 @@ class Mixture:
         which = np.count_nonzero(ends <= places, axis=1)[:, np.newaxis]
         chosen = (which == np.arange(self.centres.shape[1])[:, np.newaxis]).astype(float)
         u[:, :, end:] += self.centres.swapaxes(1, 2) @ chosen
+        density, towards = self._density(u, natural / n, wide / n, np.sum(chosen, axis=2) / n)
+        return u, 1.0 / density, towards
 
-        density = np.full((len(u), n), natural / n)
+    def _density(
+        self, u: FloatArray, natural: float, wide: float, central: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the density of the mixture over the natural density (k, n) at u (k, d, n).
+
+        The shares of the draws are those from the natural density, from each wide density, and
+        about each centre (k, c). How far u are towards two centres is returned too, see `draw`.
+        """
+        density = np.full((len(u), u.shape[2]), natural)
         for basis in self.bases:
             along = basis.swapaxes(1, 2) @ u
             q = np.count_nonzero(basis.any(axis=1), axis=-1)[:, np.newaxis]
             exponent = 0.5 * (1.0 - WIDTH**-2) * np.einsum("kqn,kqn->kn", along, along)
-            density += wide / n * np.exp(np.minimum(exponent - q * np.log(WIDTH), MOST))
+            density += wide * np.exp(np.minimum(exponent - q * np.log(WIDTH), MOST))
         exponents = self.centres @ u
         squares = np.sum(self.centres**2, axis=-1)[..., np.newaxis]
-        towards = np.zeros((2, len(u), n))
+        towards = np.zeros((2, *density.shape))
         for side, first in zip(towards, (0, self.falling), strict=True):
             length = np.sqrt(squares[:, first])
             np.divide(exponents[:, first], length, out=side, where=length > 0)
         exponents -= 0.5 * squares
         np.minimum(exponents, MOST, out=exponents)
         np.exp(exponents, out=exponents)
-        density += np.einsum("kc,kcn->kn", np.sum(chosen, axis=2) / n, exponents)
-        return u, 1.0 / density, towards
+        density += np.einsum("kc,kcn->kn", central, exponents)
+        return density, towards
 
 
 def _centres(states: UncertainStates, beta: float) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -258,14 +258,14 @@ def _distributions(
         _foresee(states, states.runs, "fewer --runs")
     elif method == AUTOMATIC:
         _foresee(states, FIRST)
-    done = 0
+    done, poses = 0, len(states)
     for part in states.cut(BLOCK):
         if method == AUTOMATIC and p_max is not None:
             yield Automatic(part, p_max=p_max)
         else:
             yield METHODS[method](part)
         done += len(part)
-        report(f"poses propagated by {method}", done, len(states))
+        report(f"poses propagated by {method}", done, poses)
 
 
 def _unreliable(
