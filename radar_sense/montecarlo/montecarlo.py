@@ -28,12 +28,12 @@ from radar_sense.propagation import Moments, propagate_scenario
 from radar_sense.propagation.moments import BETA
 from radar_sense.scenario import Scenario, check_scenario
 from radar_sense.states import FloatArray
+from radar_sense.uncertain_states import MAX_NUMBERS
 
 #: Approximate number of samples of a block. Another number gives other draws.
 SAMPLES_PER_BLOCK = 131_072
-#: Limits of the runs kept for the figure: number of runs, and number of values of P_D.
+#: Most runs that are kept for the figure, with no more than MAX_NUMBERS values of P_D.
 MAX_SAMPLE_PATHS = 500
-MAX_SAMPLE_PATH_POINTS = 2_000_000
 #: Probability beyond either bound of the draws.
 TAIL = float(ndtr(-BETA))
 #: Relative rounding of P_D. Method and draws may round the same value differently.
@@ -148,7 +148,7 @@ def monte_carlo(
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
     source = SAMPLERS[sampler](scenario.seed, runs_per_block, poses, states.radar_normals)
-    shown = min(MAX_SAMPLE_PATHS, max(1, MAX_SAMPLE_PATH_POINTS // poses), runs)
+    shown = min(MAX_SAMPLE_PATHS, max(1, MAX_NUMBERS // poses), runs)
     slack = ROUNDING * abs(band.p_d)
     lower, upper = band.lower - slack, band.upper + slack
 

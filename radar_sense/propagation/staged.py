@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from radar_sense.covariance import largest_variance
 from radar_sense.progress import report
-from radar_sense.propagation.draws import Estimate, estimate
+from radar_sense.propagation.draws import DRAWS, Estimate, estimate
 from radar_sense.states import ATTITUDE, POSITION, TILT_ERROR, of_radar
 from radar_sense.uncertain_states import UncertainStates
 
 #: Numbers of draws at a pose, from the first stage to the last, each GROWTH times the one before.
 #: Where the RCS has lobes the first stage is PRECISE: a lobe that weighs 0.13 % has five at least.
 GROWTH = 4
-LADDER = FIRST, FURTHER, PRECISE, MANY, LAST = [1024 * GROWTH**i for i in range(5)]
+LADDER = FIRST, FURTHER, PRECISE, MANY, LAST = [DRAWS * GROWTH**i for i in range(5)]
 
 
 class StagedDraws:
