@@ -43,7 +43,7 @@ from radar_sense.states import (
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
 MAX_NUMBERS = 2_000_000
 #: Standard deviations of a position within which a limit is in reach. An error in three dimensions
-#: is larger with a probability of 1e-13.
+#: is larger with a probability of 1e-13: what is left out by this is less than the rounding of P_D.
 REACH = 8.0
 #: Most poses in a block. More poses save time in Python, and arrays of differences have 1 MB here.
 BLOCK = 2048
@@ -166,16 +166,8 @@ class UncertainStates:
             whole=None,
         )
 
-    @cached_property
-    def sight(self) -> NDArray[np.int8]:
-        """Whether radars (k, m) see the aircraft at errors of the positions within REACH σ.
-
-        What is left out by this has a probability below the rounding of P_D.
-        """
-        return self.sight_within(REACH)
-
-    def sight_within(self, reach: float) -> NDArray[np.int8]:
-        """Return whether radars (k, m) see the aircraft at errors within `reach` σ of positions."""
+    def sight(self, reach: float = REACH) -> NDArray[np.int8]:
+        """Return whether radars (k, m) see the aircraft at errors of positions within `reach` σ."""
         of_aircraft = reach * np.sqrt(largest_variance(self.cov_aircraft, POSITION))
         found = []
         for i, radar in enumerate(self.model.radars):
@@ -195,7 +187,7 @@ class UncertainStates:
         if len(self.cov_radar) > 1:
             yield np.arange(len(self)), self
             return
-        given = self.sight if sight is None else sight
+        given = self.sight() if sight is None else sight
         kinds, which = np.unique(given, axis=0, return_inverse=True)
         for i, kind in enumerate(kinds):
             if np.any(kind != NEVER):

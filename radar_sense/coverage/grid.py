@@ -196,7 +196,7 @@ def upper_bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
     error of βσ of the positions may, the radar has no limits here, and the bound is too high.
     """
     states = scenario.states()
-    bound, sight = np.zeros(len(states)), states.sight_within(beta)
+    bound, sight = np.zeros(len(states)), states.sight(beta)
     for rows, part in states.by_sight(np.where(sight == NEVER, NEVER, ALWAYS)):
         bound[rows] = METHODS[method](part).quantile(beta)
     return bound

@@ -155,7 +155,7 @@ def _limit_in_reach(around: Rays, distance: FloatArray) -> NDArray[np.bool_]:
     """Return where (n,) errors may take the aircraft at some distances (n,) beyond a limit."""
     reached = np.where(np.nan_to_num(distance) > 0, distance, FARTHEST)
     at = around.at(reached, limits=True)
-    return np.asarray(at.states().sight[:, 0] != ALWAYS)
+    return np.asarray(at.states().sight()[:, 0] != ALWAYS)
 
 
 def _by_draws(

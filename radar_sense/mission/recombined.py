@@ -42,6 +42,7 @@ from radar_sense.mission.tracks import event_probabilities, m_of_n_track
 from radar_sense.model.fusion import either
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.parallel import in_order
+from radar_sense.montecarlo.sobol import REPLICATES
 from radar_sense.progress import report
 from radar_sense.states import AIRCRAFT, FloatArray, of_each
 from radar_sense.streams import Stream, random_stream
@@ -55,8 +56,6 @@ SHARE = 0.5
 WIDTH = 1.6
 #: Candidates for each draw, and looks of the nominal path that their P_D is computed at.
 CANDIDATES, SCREENING_LOOKS = 8, 8
-#: Independent replicates. The standard error of a standard error is a quarter of it.
-REPLICATES = 8
 #: Draws of each radar in a replicate: LOOKS divided by all looks, within limits. The Markov chain
 #: of HISTORIES histories takes as long as P_D of a look.
 LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 4_000_000, 256, 8192, 256

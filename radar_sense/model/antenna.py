@@ -6,6 +6,7 @@ upwards. Rays are straight. A vector d points from aircraft to radar, as in `mod
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,7 +24,6 @@ from radar_sense.states import DOWN, FloatArray, ReadOnly, read_only
 #: Elevations [deg], azimuths [deg], gains relative to the greatest [dB], and tilts [deg].
 ELEVATION, AZIMUTH = Limit(at_least=-90, at_most=90), Limit(at_least=-180, at_most=360)
 GAIN_DB, TILT = Limit(at_least=-200, at_most=0), Limit(at_least=-90, at_most=90)
-_TURN = 2.0 * np.pi
 _LEVEL = np.eye(3)
 
 
@@ -158,9 +158,9 @@ class Mask(_Directions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.azimuth[-1] - self.azimuth[0] > _TURN * (1.0 + 1e-12):
+        if self.azimuth[-1] - self.azimuth[0] > math.tau * (1.0 + 1e-12):
             raise InputError("azimuth must be within one turn")
-        closed = np.isclose(self.azimuth[-1] - self.azimuth[0], _TURN, rtol=1e-12)
+        closed = np.isclose(self.azimuth[-1] - self.azimuth[0], math.tau, rtol=1e-12)
         if closed and self.elevation[0] != self.elevation[-1]:
             raise InputError("elevation must be the same at both ends of a full turn")
 
@@ -171,7 +171,7 @@ class Mask(_Directions):
     def clearance(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return the elevation (...) [rad] of aircraft (..., 6) above the mask of a radar."""
         azimuth, elevation, _ = self._direction(aircraft, radar)
-        lowest = np.interp(azimuth, self.azimuth, self.elevation, period=_TURN)
+        lowest = np.interp(azimuth, self.azimuth, self.elevation, period=math.tau)
         return np.asarray(elevation - lowest)
 
     def clearance_within(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
@@ -24,6 +24,8 @@ from radar_sense.states import FloatArray
 #: million would be lower.
 MAX_DIVISOR_STD, LOWEST_DIVISOR = 1.0 / 6.0, -5.0
 _LOSS = f"{LOSSES_KEY}."  # begins the key of a loss by name
+#: Points and weights of Gauss-Legendre quadrature, which take 15 ms to compute.
+_legendre = cache(np.polynomial.legendre.leggauss)
 #: What identifies the error of a tolerance: the number of a radar, or a type, and the parameter.
 ErrorKey: TypeAlias = tuple[int | str, str]
 
@@ -204,9 +206,3 @@ def shape(tolerances: Sequence[Tolerance]) -> Shape:
         return Shape(first, 0.0, 0.0)
     skewness = (third - 3.0 * first * variance - first**3) / variance**1.5
     return Shape(first, math.sqrt(variance), skewness)
-
-
-@lru_cache
-def _legendre(points: int) -> tuple[FloatArray, FloatArray]:
-    """Return points and weights of Gauss-Legendre quadrature, which take 15 ms to compute."""
-    return np.polynomial.legendre.leggauss(points)

@@ -59,7 +59,6 @@ GAP = 1.5
 ENVELOPE = Limit(above=0, at_most=90)
 #: Standard deviation of σ_r [dB].
 STD_DB = Limit(at_least=1e-3, at_most=20)
-TURN = 2.0 * np.pi
 #: An elevation of this or more counts as straight above.
 POLE = np.deg2rad(90.0 - 1e-9)
 
@@ -191,7 +190,7 @@ class TableRCS(ReadOnly):
             problem = out_of_order(name, angles) or gap(name, angles)
             if problem:
                 raise InputError(problem[1])
-        if self.azimuth[0] < -np.pi or self.azimuth[-1] > TURN:
+        if self.azimuth[0] < -np.pi or self.azimuth[-1] > math.tau:
             raise InputError("azimuth must lie between -pi and 2 pi")
         if self.elevation is not None and abs(self.elevation).max() > np.pi / 2:
             raise InputError("elevation must lie between -pi/2 and pi/2")
@@ -223,7 +222,7 @@ class TableRCS(ReadOnly):
         """Return the cell of each direction, and the angles from its edges."""
         first = self._around.nodes[0]
         # The first node is within a turn of −π, so one turn more or less is enough.
-        azimuth = np.where(azimuth < first, azimuth + TURN, azimuth)
+        azimuth = np.where(azimuth < first, azimuth + math.tau, azimuth)
         i, u = self._around.place(azimuth)
         if self._upward is None:
             return i, u, None
@@ -257,7 +256,7 @@ class _Axis:
     @classmethod
     def closed(cls, azimuth: FloatArray) -> _Axis:
         """Return the periodic axis of azimuths (n,) [rad]."""
-        return cls.of(np.append(azimuth, azimuth[0] + TURN), periodic=True)
+        return cls.of(np.append(azimuth, azimuth[0] + math.tau), periodic=True)
 
     @classmethod
     def of(cls, nodes: FloatArray, *, periodic: bool) -> _Axis:
@@ -345,9 +344,9 @@ def _enveloped(
 
     most = max(ENVELOPE_CELLS, values.size)
     step = max(width / ENVELOPE_STEPS, np.pi * np.sqrt(2.0 / most))
-    rows, columns = int(np.ceil(np.pi / step)), int(np.ceil(TURN / step))
+    rows, columns = int(np.ceil(np.pi / step)), int(np.ceil(math.tau / step))
     if upward is None:
-        rows, columns = _ROWS, int(min(np.ceil(TURN * ENVELOPE_STEPS / width), most // _ROWS))
+        rows, columns = _ROWS, int(min(np.ceil(math.tau * ENVELOPE_STEPS / width), most // _ROWS))
     first, last = around.nodes[[0, -1]]
     azimuth = _Axis.of(np.linspace(first, last, columns + 1), periodic=True)
     elevation = _Axis.of(np.linspace(-np.pi / 2, np.pi / 2, rows + 1), periodic=False)
@@ -365,7 +364,7 @@ def _enveloped(
     sine = np.sin(width) / np.cos(np.where(polar, 0.0, steepest))
     reach = np.where(polar, np.pi, np.arcsin(np.minimum(sine, 1.0)))
     for row, sideways in zip(control, reach, strict=True):
-        row[:] = maximum_filter1d(row, window(sideways, TURN / columns), mode="wrap")
+        row[:] = maximum_filter1d(row, window(sideways, math.tau / columns), mode="wrap")
     control += _MARGIN
     by_azimuth = np.moveaxis(azimuth.with_control(control.T), 2, 0)
     return azimuth, elevation, _by_cell(elevation.with_control(by_azimuth))
@@ -416,7 +415,7 @@ def out_of_order(name: str, angles: FloatArray) -> Problem | None:
 def gap(name: str, angles: FloatArray) -> Problem | None:
     """Return the first step between angles [rad] that is a gap, or None."""
     around = name == "azimuth"
-    closed = np.append(angles, angles[0] + TURN) if around else angles
+    closed = np.append(angles, angles[0] + math.tau) if around else angles
     steps = np.diff(closed)
     beside = np.pad(steps, 1, mode="wrap") if around else np.pad(steps, 1)
     neighbour = np.maximum(beside[:-2], beside[2:])

@@ -31,7 +31,7 @@ class Sampler:
     @cached_property
     def _parts(self) -> list[tuple[slice, NetworkModel, list[int]]]:
         """Parts of the poses: poses, the radars that may see them, and their components of x_r."""
-        sight, poses = self.states.sight, len(self.states.aircraft)
+        sight, poses = self.states.sight(), len(self.states.aircraft)
         edges = np.flatnonzero(np.any(sight[1:] != sight[:-1], axis=1)) + 1
         parts = []
         for start, end in itertools.pairwise([0, *edges.tolist(), poses]):

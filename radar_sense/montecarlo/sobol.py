@@ -19,7 +19,8 @@ from radar_sense.errors import InputError
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import MAX_NUMBERS
 
-#: Independent scramblings of the same size. The spread of their results gives the standard errors.
+#: Independent replicates of the same size. Their spread gives the standard errors, which are
+#: themselves known to a quarter.
 REPLICATES = 8
 
 

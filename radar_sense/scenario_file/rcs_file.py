@@ -15,6 +15,7 @@ without elevations holds for all elevations.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,6 @@ from numpy.typing import NDArray
 from radar_sense.limits import LARGEST, SMALLEST, Limit
 from radar_sense.model.rcs_table import (
     STD_DB,
-    TURN,
     Problem,
     TableRCS,
     differs_at_a_pole,
@@ -176,7 +176,7 @@ def _opened(
     azimuth: FloatArray, row: NDArray[np.intp], values: list[FloatArray]
 ) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return azimuths and rows of the whole circle, without the second of two equal ends."""
-    turned = azimuth - azimuth[0] - TURN
+    turned = azimuth - azimuth[0] - math.tau
     if turned[-1] < -_ROUNDING:
         return azimuth, row
     if turned[-1] > _ROUNDING:

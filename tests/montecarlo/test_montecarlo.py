@@ -179,7 +179,7 @@ def test_draws_where_the_sight_of_the_radars_changes_are_those_of_the_whole_netw
         aircraft = flight + normals * np.sqrt(np.diag(cov_aircraft))
         expected = 1 - np.prod(1 - p_d_each(network, aircraft, drawn[:, np.newaxis]), axis=-1)
         np.testing.assert_allclose(sampler.draw_p_d(normals, drawn), expected, atol=1e-13)
-        assert set(np.unique(states.sight)) == {NEVER, PERHAPS, ALWAYS}
+        assert set(np.unique(states.sight())) == {NEVER, PERHAPS, ALWAYS}
 
 
 def test_constants_drawn_below_zero_become_zero_and_are_counted():
