@@ -204,11 +204,13 @@ class _Goal:
         if smaller and self._agrees(names, 0.0, self.limit):
             factor = None  # FORM asks for more than the draws of the threshold test do
         holds = partial(self._holds, names)
-        last = LARGEST_LOG_FACTOR
+        start, last = 0.0, LARGEST_LOG_FACTOR
         if factor:
             last = min(float(np.log(factor)), last)
-            if all(self._agrees(names, at, self._allowed) for at in _on_the_way(last)):
-                return factor, known
+            if all(self._agrees(names, at, self._allowed) for at in _on_the_way(start, last)):
+                if factor == np.inf or not self._strict(names, last):
+                    return factor, known
+                start, last = last, LARGEST_LOG_FACTOR
         else:
             if known and self.method != AUTOMATIC:
                 return factor, known
@@ -216,7 +218,7 @@ class _Goal:
             if not certain:
                 return None, certain is False
         low = None
-        for high in _on_the_way(last):
+        for high in _on_the_way(start, last):
             if not holds(high):
                 break
             low = high
@@ -241,6 +243,16 @@ class _Goal:
     def _agrees(self, names: tuple[str, ...], log_factor: float, limit: float) -> bool:
         """Return whether draws have no pose above a limit at a factor."""
         return bool(np.all(self._excess(names, log_factor, limit, PRECISE)[0] <= 0.0))
+
+    def _strict(self, names: tuple[str, ...], log_factor: float) -> bool:
+        """Return whether draws find 3σ well below the limit, where FORM finds it at the limit.
+
+        σ by FORM is too large where c_r may come near 0. Its bounds are not.
+        """
+        if self.k is not None or self.method != AUTOMATIC:
+            return False
+        excess, errors = self._excess(names, log_factor, self.limit - self._off, PRECISE)
+        return bool(np.all(excess < -SURE * errors))
 
     def _holds(
         self, names: tuple[str, ...], log_factor: float, rows: NDArray[np.intp] | None = None
@@ -332,9 +344,9 @@ class _Goal:
         return largest if at_pose.get(largest, 0.0) > 0 else None
 
 
-def _on_the_way(last: float) -> list[float]:
-    """Return ln of the factors to judge up to a last one: above 1, steps of `WAY` too."""
-    return [*np.arange(0.0, last, WAY).tolist(), last]
+def _on_the_way(start: float, last: float) -> list[float]:
+    """Return ln of the factors to judge up to a last one: of a growth, steps of `WAY` too."""
+    return [*np.arange(start, last, WAY).tolist(), last]
 
 
 def only_at(scenario: Scenario, at: float) -> Scenario:

@@ -167,9 +167,10 @@ def _row(c: Contribution, pose: int, width: int) -> str:
 def _know_first(scenario: Scenario, found: Budget) -> list[str]:
     """Return what should be known better first, where the total is largest, in a line if known."""
     pose, (first, remaining) = found.pose, worth_most(scenario, found)
-    if not first:
+    total = float(found.total.three_sigma[pose])
+    if not first or words.probability(total) == "0":
         return []
-    total, names = float(found.total.three_sigma[pose]), words.listed(c.name for c in first)
+    names = words.listed(c.name for c in first)
     leaves = f"leaves {words.probability(remaining)}"
     if remaining > (1.0 - LEAST_GAIN) * total:
         return [f"no source is worth a measurement: half of {names} {leaves}"]

@@ -111,7 +111,7 @@ def compare(
     for method, m in moments.items():
         found = {name: _difference(m, drawn, error, ends, axis) for name, ends in COMPARED.items()}
         largest[method] = {name: top for name, (top, *_) in found.items()}
-        cells = "".join(f"{text:28}" for *_, text in found.values())
+        cells = "".join(f"{text:26}  " for *_, text in found.values())
         result.report.append(f"  {method:10} {cells.rstrip()}")
         if not plain and any(tells for _, tells, _ in found.values()):
             told.append(method)

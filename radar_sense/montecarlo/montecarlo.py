@@ -83,6 +83,13 @@ class MonteCarlo(DrawStatistics):
         """Where the method has bounds (n,)."""
         return np.isfinite(self.band.lower + self.band.upper)
 
+    @property
+    def shares_an_end(self) -> NDArray[np.bool_]:
+        """Where (n,) draws and method have the same bound, because P_D often has this value."""
+        ends = (self.lower, self.band.lower), (self.upper, self.band.upper)
+        same = [abs(drawn - end) <= ROUNDING * abs(self.band.p_d) for drawn, end in ends]
+        return np.logical_or(*same)
+
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
         """Return the binomial confidence interval of the coverage, lower and upper ends (n,).
 

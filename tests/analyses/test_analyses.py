@@ -158,6 +158,21 @@ def test_a_coverage_above_the_nominal_one_is_warned_of(monkeypatch):
     assert warning.endswith("[coverage-off]")
 
 
+def test_draws_on_the_end_of_a_band_do_not_make_it_too_wide():
+    """P_D is 0 in a share of the draws, so that none lies below the lower bound of 0."""
+    s = scenario(
+        radar__max_range_km=400,
+        geometry__range_km=400,
+        geometry__azimuth_deg={"start": 0, "stop": 180, "step": 90},
+        uncertainty__aircraft={"position_m": 100, "attitude_deg": 1},
+    )
+    result = analyses.montecarlo(s.with_analysis(runs=100_000), method="automatic")
+    assert (result.table["lower_3sigma"] == 0).all()
+    assert result.summary["coverage_lowest"]["value"] > 0.9978
+    assert not any("coverage-off" in text for text in result.warnings)
+    assert not any("more than 99.73 %" in line for line in result.report)
+
+
 def compared(**analysis):
     s = load_scenario().at_poses(slice(0, None, 30)).with_analysis(**analysis)
     return s, lambda **options: analyses.compare(s, **options)

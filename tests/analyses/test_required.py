@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.constants import Boltzmann
+from scipy.optimize import brentq
 
 import radar_sense as rs
 
@@ -39,6 +41,22 @@ def test_a_violated_threshold_requires_something(constant, std, p_max, impossibl
     for accuracy in required.values():
         assert accuracy["factor"] is None or accuracy["factor"] < 1
     assert (required["all"]["factor"] is None) == impossible
+
+
+def test_a_target_asks_for_no_more_than_it_takes():
+    """σ by FORM is 2.4 times too large, because c_r may be 0 by two of its deviations."""
+    s = near("constant: 0.0315", 0.01575).at_poses(slice(0, 1))
+    u = np.random.default_rng(3).standard_normal(1_000_000)
+    distance = np.hypot(60e3, 1e3)
+
+    def three_sigma(factor):
+        c_r = np.maximum(0.0315 + factor * 0.01575 * u, 0.0)
+        return 3 * np.std(1e-6 ** (1 / (1 + c_r / (Boltzmann * distance**4))))
+
+    largest = brentq(lambda factor: three_sigma(factor) - 0.3, 0.1, 1.0, xtol=1e-4)
+    found = rs.analyses.budget(s, target=0.3).summary["target"]["required_accuracy"]
+    assert not found["radar_constant"]["known"]
+    assert 0.98 * largest < found["radar_constant"]["factor"] < largest
 
 
 def test_sigma_of_few_draws_that_reach_no_limit_is_no_certainty():
