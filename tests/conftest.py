@@ -53,9 +53,15 @@ class Outcome(NamedTuple):
 
 
 @pytest.fixture
-def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
-    """Run the tool with the given arguments in an empty folder, which is the current one."""
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return an empty folder, which is the current one."""
     monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def tool(here: Path) -> Callable[..., Outcome]:
+    """Run the tool with the given arguments in an empty folder, which is the current one."""
 
     def run(*args: object) -> Outcome:
         result = CliRunner().invoke(cli, [str(arg) for arg in args])

@@ -23,17 +23,17 @@ from radar_sense.flight import States
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar import Level, Radar
-from radar_sense.model.radar_constant import Tolerance
-from radar_sense.model.radar_equation import NEPERS
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.expansion import RelativeProbit, StandardNormalSpace
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file.load import default_text, load_scenario, parse_scenario
-from radar_sense.states import CONSTANT, of_radar
 from radar_sense.uncertain_states import uncertain_states
 
 # The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
+
+ROOT = Path(__file__).parents[1]
+CONFIGS = ROOT / "configs"
 
 #: Sources of the error budget of a single radar whose RCS and attenuation are certain.
 SOURCES = ("aircraft_position", "aircraft_orientation", "radar_position", "radar_constant")
@@ -53,9 +53,11 @@ OVERHEAD = {
 
 #: Documents as text, 1e-06 as 1.0e-06, which is a number to YAML. PyYAML's C library takes a fifth
 #: of the time.
-yaml_text = dump_yaml = partial(
+yaml_text = partial(
     yaml.dump, sort_keys=False, Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 )
+
+dump_yaml = yaml_text
 
 
 def document(of=PAPER, /, **changes):
@@ -82,13 +84,23 @@ def _parsed(text):
     return parse_scenario(text)
 
 
+def csv_text(head, rows):
+    """Return a CSV file of a line of names and some rows."""
+    return "\n".join([head, *(",".join(map(str, row)) for row in rows)]) + "\n"
+
+
 def write_path(folder, text, name="scenario.yaml", /, **changes):
-    """Write a route and a scenario that flies it, with changes; return the scenario's path."""
+    """Write a route and a scenario that flies it, with changes; return the scenario's path.
+
+    Radars in the changes take the place of the only radar, each with its own uncertainty.
+    """
     (folder / "route.csv").write_text(text)
     content = document(geometry={"type": "path", "file": "route.csv"}, radar__constant=50)
     del content["aircraft"]["attitude_deg"]
     if "std_" in text or "cov_" in text:
         del content["uncertainty"]["aircraft"]
+    if "radars" in changes:
+        del content["radar"], content["uncertainty"]["radar"]
     file = folder / name
     file.write_text(yaml_text(document(content, **changes)))
     return file
@@ -266,6 +278,13 @@ def direction(azimuth, elevation):
     return np.stack([h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)], axis=-1)
 
 
+def slopes(function, states, steps):
+    """Return central differences (n, k) of a function (n,) of states (n, k), by steps (k,)."""
+    moved = zip(np.diag(steps), steps, strict=True)
+    ends = [(function(states + e) - function(states - e)) / (2 * step) for e, step in moved]
+    return np.stack(ends, axis=-1)
+
+
 def dashes(line):
     """Return the dash pattern of a line, for which Matplotlib has no public name."""
     return str(line._unscaled_dash_pattern)
@@ -312,11 +331,6 @@ def sheet_document(
 def sheet_scenario(*args, **kwargs):
     """The paper's scenario with a radar given by its parameters."""
     return parse_scenario(yaml_text(sheet_document(*args, **kwargs)))
-
-
-def part_name(key):
-    """Name of a part in the budget of a single radar."""
-    return f"radar_constant_{key}"
 
 
 # Scenarios from arrays.
@@ -464,23 +478,9 @@ def nonlinear_by_its_own_moments(scenario, method):
     return unreliable_in_scenario(scenario, moments, method=method)
 
 
-def log_normal(states, which=True):
-    """Return uncertain states in which ln c_r of some radars (m,) is Gaussian, with the same σ."""
-    *_, aircraft, radar = states.squeezed
-    which = np.broadcast_to(which, len(states.tolerances))
-    tolerances = []
-    for i, log in enumerate(which):
-        at = of_radar(i).start + CONSTANT
-        slope = np.sqrt(radar[..., at, at].flat[0]) / states.radar[0, at]
-        one = Tolerance("c_r", 1.0, slope / NEPERS, power=1, decibels=True)
-        tolerances.append((one,) if log and slope else ())
-    return states.with_covariances(aircraft, radar, tolerances)
-
-
-def standard_normal_space(*states, log_constant=False):
+def standard_normal_space(*states):
     """Return z of the poses of uncertain states, as FORM expands it."""
-    uncertain = log_normal(uncertain_states(*states)[1], log_constant)
-    probit = RelativeProbit(uncertain)
+    probit = RelativeProbit(uncertain_states(*states)[1])
     return StandardNormalSpace.expanded(probit, probit.derivatives())
 
 

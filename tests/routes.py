@@ -18,7 +18,17 @@ COV = [
 ]
 
 HEAD = "time_s,north_m,east_m,down_m"
+POSE_HEAD = ",".join([HEAD, *ATTITUDE])
 GEO = "time_s,latitude_deg,longitude_deg,altitude_m"
+
+
+#: Past a radar, with a yaw that goes through 180 degrees, and with errors of each pose.
+UNCERTAIN = f"""{POSE_HEAD},{",".join(STD)}
+100,400e3,-200e3,-8000,0,0,80,10,20,30,1,2,3
+500,380e3,-100e3,-8000,2,0,170,100,20,30,1,0,3
+1000,350e3,0,-9000,0,1,-170,1000,20,30,1,2,0.1
+1500,350e3,100e3,-9000,0,0,-120,0,0,0,0,0,0
+"""
 
 
 def load(content, **options):

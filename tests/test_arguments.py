@@ -2,10 +2,10 @@
 
 import dataclasses
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import CONFIGS
 
 import radar_sense as rs
 from radar_sense.errors import describe
@@ -13,7 +13,6 @@ from radar_sense.errors import describe
 PAPER = rs.load_scenario()
 (RADAR,) = PAPER.radars
 MODEL = RADAR.model
-CONFIGS = Path(__file__).parents[1] / "configs"
 PATH = rs.load_scenario(CONFIGS / "path.yaml")
 ANGLES = np.deg2rad(np.arange(0.0, 360.0, 10.0))
 
@@ -39,8 +38,8 @@ def path(**changes):
 
 
 def propagated(of=MODEL, **options):
-    arguments = PAPER.aircraft, PAPER.radar, PAPER.cov_aircraft, PAPER.cov_radar
-    return rs.propagate(of, *arguments, **options)
+    names = ("aircraft", "radar", "cov_aircraft", "cov_radar")
+    return rs.propagate(of, **{**{name: getattr(PAPER, name) for name in names}, **options})
 
 
 WRONG = {
@@ -86,6 +85,9 @@ WRONG = {
     "got 0.1": lambda: changed(levels={"low": level(attenuation_std=0.1)}),
     "model must be a DetectionModel or": lambda: propagated("x"),
     "beta must be a number greater than 0, got 'x'": lambda: propagated(beta="x"),
+    "beta must be a number greater than 0, got 0": lambda: propagated(beta=0),
+    "aircraft covariance must have shape": lambda: propagated(cov_aircraft=np.zeros((4, 4))),
+    "radar covariance must have shape": lambda: propagated(cov_radar=np.zeros(4)),
     "method must be one of linear, probit, form": lambda: propagated(method="forms"),
     "workers must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, workers=0),
     "scenario must be a Scenario, as load_scenario returns, got 'x'": lambda: rs.monte_carlo("x"),

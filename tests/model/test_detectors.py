@@ -8,11 +8,8 @@ from mpmath import mp, mpf
 from numpy.testing import assert_allclose
 from scipy.special import chndtr
 
-from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, Marcum, North, Swerling1, Swerling3, linearize
-from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.montecarlo import TAIL, monte_carlo
-from radar_sense.propagation import propagate, unreliable
 
 
 def north(snr, p_fa):
@@ -116,50 +113,6 @@ def test_marcum_where_the_function_of_scipy_fails():
     assert chndtr(-2 * np.log(1e-4), 2, 600.0) == 0
     z, _ = Marcum().linearize_probit(np.array(300.0), 1e-4)
     assert abs(mp.ncdf(-mpf(float(z))) / oracle.marcum(300.0, 1e-4)[1] - 1) < mpf("1e-11")
-
-
-def one_state(detector, snr, spread, p_fa=1.7e-4):
-    """Return a model and poses with a normal S: mean `snr`, relative deviation `spread`."""
-    model = DetectionModel(ConstantRCS(1.0), p_fa, detector)
-    aircraft = np.array([100e3, 0, 0, 0, 0, 0])
-    per_joule = model.snr(aircraft, np.array([0, 0, 0, 1.0]))
-    radar = np.zeros((len(snr), 4))
-    radar[:, 3] = snr / per_joule
-    cov = np.zeros((len(snr), 4, 4))
-    cov[:, 3, 3] = (spread * radar[:, 3]) ** 2
-    return model, aircraft, radar, np.zeros((6, 6)), cov
-
-
-#: Largest error of bounds, of σ (relative) and of the mean, some 10 % above the measured one.
-ERRORS = {
-    "form": (4e-7, 2e-5, 4e-7),
-    "probit": (6.5e-3, 0.022, 7e-4),
-    "linear": (0.013, 0.11, 1e-3),
-}
-ERRORS["automatic"] = ERRORS["form"]  # by FORM, which is right
-
-
-@pytest.mark.parametrize("method", ERRORS)
-@pytest.mark.parametrize("detector", [North, *EXACT])
-def test_methods_of_propagation(detector, method):
-    """S is normal. Exact bounds are P_D at quantiles of S, exact moments a fine sum over S."""
-    snr, spread, p_fa = np.array([1.0, 4.0, 9.0, 20.0]), 0.05, 1.7e-4
-    u = np.linspace(-8, 8, 4001)
-    weight = np.exp(-0.5 * u * u) / np.exp(-0.5 * u * u).sum()
-    drawn = detector().p_d(snr[:, np.newaxis] * (1 + spread * u), p_fa)
-    mean = drawn @ weight
-    std = np.sqrt((drawn - mean[:, np.newaxis]) ** 2 @ weight)
-    lower, upper = (detector().p_d(snr * (1 + beta * spread), p_fa) for beta in (-3, 3))
-
-    found = propagate(*one_state(detector(), snr, spread, p_fa), method=method)
-    bound_error, std_error, mean_error = ERRORS[method]
-    assert_allclose(found.p_d, detector().p_d(snr, p_fa), rtol=0, atol=1.1e-14)
-    assert_allclose(found.lower, lower, rtol=0, atol=bound_error)
-    assert_allclose(found.upper, upper, rtol=0, atol=bound_error)
-    assert_allclose(found.std, std, rtol=std_error)
-    assert_allclose(found.mean, mean, rtol=0, atol=mean_error)
-    good = ~unreliable(*one_state(detector(), snr, spread, p_fa), method=method)
-    assert_allclose(found.std[good], std[good], rtol=0.025)
 
 
 #: Detectors that integrate, and the c_r with which P_D is neither 0 nor 1 on the paper's orbit.

@@ -186,21 +186,6 @@ def test_excess_hazard_of_any_z():
             assert abs(value / exact - 1) < 2e-12, x
 
 
-def test_fused_p_d_rises_with_every_radar_and_never_passes_1():
-    rng = np.random.default_rng(4)
-    radar = np.concatenate([[*rng.standard_normal(3) * 1e5, 10.0**i] for i in range(6)])
-    net = NetworkModel(tuple(Radar(RADAR_MODEL, f"r{i}") for i in range(6)))
-    each = p_d_each(net, PAPER.aircraft, radar)
-    fused = net.p_d(PAPER.aircraft, radar)
-    assert each.shape == (361, 6)
-    assert net.snr(PAPER.aircraft, radar).shape == (361, 6)
-    assert np.all(fused >= each.max(axis=1))
-    assert fused.max() == 1
-    assert_allclose(fused, 1 - np.prod(1 - each, axis=1), rtol=0, atol=4e-16)
-    last = RADAR_MODEL.p_d(PAPER.aircraft, radar[-4:])
-    assert_array_equal(each[:, -1], last)
-
-
 def test_states_broadcast():
     net = NetworkModel((Radar(RADAR_MODEL, "a"), Radar(RADAR_MODEL, "b")))
     rng = np.random.default_rng(0)
@@ -248,6 +233,21 @@ def test_a_target_below_the_horizon_is_not_seen(round_earth):
     # the paper's orbit, 500 km out and 3 km high, is far below the horizon
     seen = limited.visible(PAPER.aircraft, np.array([0, 0, 0, 167.0]))
     assert np.all(seen == round_earth)  # where 3 km above the plane are 22 above the surface
+
+
+def test_nothing_is_seen_within_the_minimum_range():
+    model = DetectionModel(ConstantRCS(0.1), 1e-6, Marcum())
+    radar = Radar(model, min_range=5e3, max_range=6e3)
+    aircraft = np.zeros((5, 6))
+    aircraft[:, 0] = 3e3  # slant ranges 5 km, less, more, 6 km and more
+    aircraft[:, 2] = [-4e3, -4e3 + 1e-6, -4e3 - 1e-6, -np.sqrt(27e6) + 1e-6, -np.sqrt(27e6) - 1e-6]
+    state = np.array([0.0, 0, 0, 1.3e-6])
+    seen = [True, False, True, True, False]
+    assert_array_equal(radar.visible(aircraft, state), seen)
+    network = NetworkModel((radar,))
+    assert_array_equal(network.p_d(aircraft, state), model.p_d(aircraft, state) * seen)
+    for part in (network.linearize(aircraft, state).jac_radar, network.snr(aircraft, state)):
+        assert_array_equal(np.any(part != 0, axis=-1), seen)
 
 
 def test_a_budget_does_not_warn_of_a_radar_that_does_not_see():
@@ -356,6 +356,9 @@ def test_refused_networks():
     for limit in (0, -1, np.nan):
         with pytest.raises(ValueError, match="max_range"):
             Radar(RADAR_MODEL, max_range=limit)
+    for wrong in ({"min_range": -1}, {"min_range": np.nan}, {"min_range": 5, "max_range": 5}):
+        with pytest.raises(ValueError, match="min_range must be"):
+            Radar(RADAR_MODEL, **wrong)
     net = NetworkModel((first, dataclasses.replace(first, name="b")))
     for method in (net.p_d, net.snr, net.linearize, net.linearize_probit, net.visible):
         with pytest.raises(ValueError, match=r"radar states must have shape \(..., 8\)"):

@@ -5,19 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers import (
-    SURVEILLANCE,
-    TOLERANCES,
-    cov_by_level,
-    log_normal,
-    sheet_document,
-    sheet_scenario,
-    yaml_text,
-)
+from helpers import SURVEILLANCE, TOLERANCES, sheet_document, sheet_scenario, yaml_text
 from mpmath import mp, mpf
 from scipy.integrate import quad
 
-import radar_sense as rs
 from radar_sense.model.radar_constant import (
     LOWEST_DIVISOR,
     MAX_DIVISOR_STD,
@@ -30,9 +21,7 @@ from radar_sense.model.radar_equation import SEARCH_FACTORS, SurveillanceRadar
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import clipped
 from radar_sense.propagation import propagate_scenario
-from radar_sense.propagation.form import Form
 from radar_sense.scenario_file.load import parse_scenario
-from radar_sense.uncertain_states import uncertain_states
 
 #: Every key of the two kinds, by parameter: its formula in SI, in mpmath.
 SAME, DECIBELS = (lambda v: v), (lambda v: mpf(10) ** (v / 10))
@@ -141,18 +130,6 @@ def test_derivatives_are_those_of_the_formula(kind):
                 assert part.slope == pytest.approx(float(slope), rel=1e-13)
                 total += slope**2
         assert relative_std(parts) == pytest.approx(float(mp.sqrt(total)), rel=1e-13)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_covariance_is_that_of_first_order(kind):
-    s = sheet_scenario(kind)
-    assert cov_by_level(s)["sheet"][3, 3] == pytest.approx(
-        (s.radar[3] * relative_std(s.tolerances[0])) ** 2, rel=1e-14
-    )
-    assert cov_by_level(s)["number"][3, 3] == pytest.approx(0.01, rel=1e-14)
-    assert s.with_analysis(level="number").tolerances == ((),)
-    off = cov_by_level(s)["sheet"] - np.diag(np.diag(cov_by_level(s)["sheet"]))
-    assert not off.any()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -269,17 +246,3 @@ def test_monte_carlo_draws_the_true_distribution(sampler):
     assert form.upper[0] == pytest.approx(upper, rel=1e-3)
     assert form.std[0] == pytest.approx(std, rel=2e-3)
     assert form.mean[0] == pytest.approx(mean, rel=1e-3)
-
-
-def test_only_form_depends_on_the_shape_of_the_constants_distribution():
-    s = sheet_scenario()
-    cov = s.cov_aircraft, cov_by_level(s)["sheet"]
-    linear = s.model.linearize(s.aircraft, s.radar).std(*cov)
-    first_order = propagate_scenario(s, method="linear")
-    np.testing.assert_allclose(first_order.std, linear, rtol=1e-14)
-    states = s.model, s.aircraft, s.radar, *cov
-    as_number = rs.propagate(*states, method="form").lower
-    as_log = Form(log_normal(uncertain_states(*states)[1])).quantile(-3)
-    assert np.max(abs(as_number - as_log)) > 0.05
-    lower = propagate_scenario(s, method="form").lower
-    np.testing.assert_allclose(as_log, lower, rtol=1e-9)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import direction, document, scenario
+from helpers import CONFIGS, direction, document, scenario
 from scipy.special import ndtr
 from studies.bands import model as independent
 
@@ -21,7 +21,6 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.words import table_warnings
 
 DEG = np.pi / 180
-CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def uneven(rng, count):
@@ -59,30 +58,17 @@ def own_spline(table):
     return independent.table(*(None if x is None else x.copy() for x in nodes))
 
 
-def test_a_cut_is_exact_at_its_nodes_at_every_elevation():
-    rng = np.random.default_rng(1)
-    for _ in range(20):
-        table = cut(rng, int(rng.integers(4, 400)))
-        body = direction(table.azimuth, rng.uniform(-1.5, 1.5, len(table.azimuth)))
-        body *= 10 ** rng.uniform(-3, 6, (len(body), 1))
-        np.testing.assert_allclose(table.cross_section(body), table.rcs, rtol=1e-11)
-
-
-def test_a_grid_is_exact_at_its_nodes():
+def test_a_table_is_a_product_of_splines_and_exact_at_its_nodes():
     rng = np.random.default_rng(2)
-    for low, high in ((-40, 60), (-90, 90), (-90, 10), (5, 90)):
-        table = grid(rng, low, high)
-        body = direction(table.azimuth[:, np.newaxis], table.elevation)
-        np.testing.assert_allclose(table.cross_section(body), table.rcs, rtol=1e-10)
-
-
-def test_between_the_nodes_a_grid_is_the_tensor_product_of_splines():
-    rng = np.random.default_rng(3)
-    table = grid(rng)
-    azimuth = rng.uniform(-np.pi, np.pi, 200)
-    elevation = rng.uniform(-40, 60, 200) * DEG
-    expected = own_spline(table)(azimuth, elevation)
-    np.testing.assert_allclose(table.cross_section(direction(azimuth, elevation)), expected, 1e-11)
+    grids = [grid(rng, *ends) for ends in ((-40, 60), (-90, 90), (-90, 10), (5, 90))]
+    for table in (cut(rng, 7), cut(rng, 333), *grids):
+        nodes = rng.uniform(-1.5, 1.5, 1) if table.elevation is None else table.elevation
+        body = direction(table.azimuth[:, np.newaxis], nodes) * 10 ** rng.uniform(-3, 6)
+        found = table.cross_section(body)
+        np.testing.assert_allclose(found, table.rcs.reshape(found.shape), rtol=1e-10)
+        between = rng.uniform(-np.pi, np.pi, 200), rng.uniform(-89, 89, 200) * DEG
+        expected = own_spline(table)(*between)
+        np.testing.assert_allclose(table.cross_section(direction(*between)), expected, rtol=1e-11)
 
 
 @pytest.mark.parametrize("first", [-180, -179.5, -45.0, 0, 0.5])
@@ -320,12 +306,6 @@ def write(path, *rows):
 
 def full(step=30, start=-180, stop=180, value="0.5"):
     return [f"{a},{value}" for a in range(start, stop, step)]
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def in_folder(folder, **entry):

@@ -29,9 +29,7 @@ G = 9.80665
 FULL = ",".join([HEAD, *ATTITUDE])
 
 
-@pytest.fixture(autouse=True)
-def in_its_own_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("here")
 
 
 def test_a_straight_climb_has_its_course_and_climb_and_no_bank():

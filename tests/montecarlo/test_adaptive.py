@@ -189,29 +189,6 @@ def test_one_value_is_enough_to_differ(name, sign):
     assert v.word == "differs"
 
 
-def test_tiny_uncertainties_of_the_paper_agree():
-    tiny = scenario(
-        geometry__azimuth_deg=SIX | {"start": 9},
-        uncertainty={
-            "aircraft": {"position_m": 1, "attitude_deg": 0.01},
-            "radar": {"tiny": {"position_m": 1, "constant": 0.05}},
-        },
-        analysis={"level": "tiny"},
-    )
-    v = validate(tiny, digits=1)
-    assert v.word == "agrees"
-    assert np.max(v.drawn[STD]) < 0.0005
-
-
-def test_the_paper_at_high_differs_for_linear_and_agrees_for_form():
-    s = paper("high", stop=60, step=20)
-    linear, form = (validate(s, method=m) for m in ("linear", "form"))
-    assert linear.word == "differs"
-    assert form.word == "agrees"
-    same = linear.draws == form.draws
-    np.testing.assert_array_equal(linear.drawn[:, same], form.drawn[:, same])  # the same draws
-
-
 def test_too_few_draws_decide_nothing(monkeypatch):
     """Also where the values of a method are those that were drawn."""
     monkeypatch.setattr(adaptive, "MOST_DRAWS", 2 * PRECISE)

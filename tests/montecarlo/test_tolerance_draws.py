@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers import (
     MIXED_DOWN,
-    MIXED_NUMBER,
     MIXED_RANGE,
     few_draws,
     mission,
@@ -78,27 +77,6 @@ def test_a_mission_draws_the_constants_as_their_parts_make_them(tmp_path, monkey
     assert found.table["mc_lower"] == pytest.approx(expected.lower, abs=end)
     assert found.table["mc_upper"] == pytest.approx(expected.upper, abs=end)
     assert [w[:2] for w in found.warnings if "log-normal" in w] == []
-
-
-def test_every_part_has_a_unit_normal_of_its_own():
-    s = mixed_network()
-    states = s.states()
-    # three of the position of each radar, c_r of the third, then the parts
-    assert list(states.columns) == [0, 1, 2, 7, 8, 9, 14, 15, 16, 17]
-    assert states.tolerance_normals == [[0, 1, 2], [3, 4, 5], []]
-    nominal = states.radar[0]
-    assert states.radar_normals == 16
-    assert_array_equal(states.radars_at(np.zeros((1, 16)))[0], nominal)
-    drawn = states.radars_at(np.eye(16))
-    assert not clipped(drawn)
-    for i, (parts, own) in enumerate(zip(s.tolerances, states.tolerance_normals, strict=True)):
-        at = 7 * i + 3
-        for part, number in zip(parts, own, strict=True):
-            assert list(np.flatnonzero(drawn[10 + number] != nominal)) == [at]
-            factor = part.factor(np.array(1.0))
-            assert drawn[10 + number, at] / nominal[at] == pytest.approx(factor, rel=1e-15)
-    # the third is a number still
-    assert drawn[9, 17] == MIXED_NUMBER[0] + MIXED_NUMBER[1]
 
 
 #: A place known better across than along; its eigenvectors are not in the order of its axes.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers import cov_by_level, p_d_each, paper_network, with_arrays
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.constants import Boltzmann
 from scipy.special import erfc, ndtr
 
@@ -14,7 +14,7 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.montecarlo.sampler import Sampler, clipped
+from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import distribution, propagate_scenario
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario
@@ -97,20 +97,6 @@ def test_independence_understates_the_variance(attitude_deg, factor):
     assert_allclose(mc.std**2, joint, rtol=0.1)
 
 
-def test_every_constant_below_zero_is_set_to_zero_and_runs_are_counted():
-    scenario = paper_network([(0, 0, 0)] * 2, [100, 1])
-    cov = np.diag([0.0, 0, 0, 1, 0, 0, 0, 4])
-    states = with_arrays(scenario, cov_radar={"medium": cov}).states()
-    assert states.radar_normals == 2  # of the two radar constants
-    normals = np.zeros((3, 2))
-    normals[:, 1] = 0, -0.25, -1
-    normals[2, 0] = -200
-    radar = states.radars_at(normals)
-    assert [clipped(one) for one in radar[:, np.newaxis]] == [0, 0, 1]
-    assert_array_equal(radar[:, 10], [1, 0.5, 0])
-    assert_array_equal(radar[:, 3], [100, 100, 0])
-
-
 def test_fused_p_d_of_a_constant_below_zero_falls_by_less_than_the_noise():
     models = [DetectionModel(RCS, p_fa) for p_fa in (1e-2, 1e-4, 1e-3)]
     net = NetworkModel(tuple(Radar(model, f"r{i}") for i, model in enumerate(models)))
@@ -134,20 +120,6 @@ def test_fused_p_d_of_a_constant_below_zero_falls_by_less_than_the_noise():
     )
     assert_allclose((ahead - behind) / 2e-4, by_radar[2, 3], rtol=1e-4)
     assert np.all(np.isfinite(by_aircraft))
-
-
-def test_draws_and_bounds_where_a_constant_may_be_zero():
-    scenario = paper_network([(0, 0, 0)] * 2, [60, 60], poses=slice(60, 121, 30))
-    cov = np.diag([0.0, 0, 0, 1, 0, 0, 0, 25**2])
-    scenario = with_arrays(
-        scenario, cov_aircraft=np.zeros((6, 6)), cov_radar={"medium": cov}, runs=1 << 16
-    )
-    mc = monte_carlo(scenario, sampler="sobol")
-    assert 0.006 * mc.runs < mc.clipped < 0.01 * mc.runs  # Φ(−2.4)
-    # the lower bound is above 5 sigma below P_D of the first radar alone
-    first = propagate_scenario(single_radar_scenarios(scenario)["r0"], method="linear")
-    assert np.all(mc.lower > first.p_d - 5 * first.std)
-    assert np.all(mc.lower < propagate_scenario(scenario, method="linear").p_d)
 
 
 @pytest.mark.parametrize("detector", [North, Marcum, Swerling1, Swerling3])

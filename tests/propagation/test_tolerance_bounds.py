@@ -4,49 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from helpers import (
-    cov_by_level,
-    mixed_document,
-    mixed_network,
-    mixed_radars,
-    standard_normal_space,
-    yaml_text,
-)
+from helpers import cov_by_level, mixed_document, mixed_network, mixed_radars, yaml_text
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import METHODS, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.form import Form
 from radar_sense.scenario import single_radar_scenarios
-from radar_sense.scenario_file.load import load_scenario, parse_scenario
+from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.sources import value_function
-
-
-@pytest.mark.parametrize("logarithmic", [(True, False), (False, True), (True, True)])
-def test_log_normal_constants_are_those_of_each_radar(logarithmic):
-    s = alone_pair()
-    cov = 30 * cov_by_level(s)["sheet"]
-    states = s.model, s.aircraft, s.radar, s.cov_aircraft, cov
-    z = standard_normal_space(*states, log_constant=logarithmic)
-    pose = np.arange(len(s.aircraft))
-    u = np.random.default_rng(3).uniform(-0.3, 0.3, z.gradient.shape)
-    shift = np.einsum("kij,jk->ki", z.sqrt_cov, u)
-    # y: the attitude, then the four states of each radar
-    aircraft, radar = s.aircraft.copy(), s.radar + shift[:, 3:]
-    aircraft[:, 3:] += shift[:, :3]
-    nominal, changed = s.radar[3::4], shift[:, 3:][:, 3::4]
-    radar[:, 3::4] = np.where(logarithmic, nominal * np.exp(changed / nominal), nominal + changed)
-    value, gradient = z(u, pose)
-    expected = s.model.linearize_probit(aircraft, radar)[0]
-    assert_allclose(value, expected, rtol=1e-11)
-    for i in range(len(u)):
-        step = 1e-5 * np.eye(len(u))[:, i, np.newaxis]
-        slope = (z(u + step, pose)[0] - z(u - step, pose)[0]) / 2e-5
-        assert_allclose(gradient[i], slope, rtol=1e-6, atol=1e-6)
-
-
-def alone_pair():
-    return mixed_network(mixed_radars()[1:])
 
 
 def test_form_converges_where_one_radar_fades_and_the_others_do_not():
@@ -89,19 +55,6 @@ def test_huge_tolerances_overflow_nothing(method):
         assert np.all(abs(found.upper - mc.upper) < 0.005 + 4 * found.error)
     three_sigma = value_function(mixed_network(), method)(["a_constant_loss_db"], 1e6)
     assert np.all((three_sigma <= 1.5) | (method == "linear") | np.isnan(three_sigma))
-
-
-def test_which_constants_are_log_normal():
-    s = mixed_network()
-    assert list(s.states().log_constant) == [True, True, False]
-    assert list(s.with_analysis(level="plain").states().log_constant) == [False, False, False]
-    assert s.with_analysis(level="plain").tolerances == ((), (), ())
-    assert [[part.key for part in parts] for parts in s.tolerances] == [
-        ["average_power_kw", "temperature_k", "loss_db"],
-        ["gain_dbi", "frequency_ghz", "loss_db"],
-        [],
-    ]
-    assert len(load_scenario().states().log_constant) == 1
 
 
 def test_each_radar_by_itself_has_its_parts():

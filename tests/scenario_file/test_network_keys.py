@@ -5,12 +5,11 @@ A refusal is one line that names file, line, key path and the allowed values, as
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
 from helpers import (
+    CONFIGS,
     SURVEILLANCE,
     TRACKING,
     assert_same_scenario,
@@ -29,7 +28,7 @@ import radar_sense as rs
 from radar_sense.covariance import block_diagonal
 from radar_sense.scenario_file.load import default_text
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+NEAR = {**yaml.safe_load(default_text())["geometry"], "range_km": 4}
 
 
 def refused(*radars: object, **changes: object) -> tuple[str, str, str]:
@@ -170,6 +169,44 @@ def test_limits_of_a_single_radar_are_the_limits_of_a_network_of_one(limits, hid
     assert_same_scenario(again, one)
     assert again.resolved() == one.resolved()
     assert one.resolved()["radar"].get("horizon", False) == limits.get("horizon", False)
+
+
+#: A radar with a pulse of 11 us, in which the target may be hidden.
+PULSE = {"constant": None, "tracking": {**TRACKING, "pulse_width_us": 11}}
+
+
+@pytest.mark.parametrize(
+    ("limits", "least"),
+    [
+        ({}, 0.0),  # a pulse width alone hides nothing
+        ({"eclipsing": False}, 0.0),
+        ({"eclipsing": True}, 299_792_458 * 11e-6 / 2),
+        ({"eclipsing": True, "min_range_km": 1.5}, 299_792_458 * 11e-6 / 2),
+        ({"eclipsing": True, "min_range_km": 2.5}, 2500.0),
+        ({"min_range_km": 2.5, "max_range_km": 3}, 2500.0),
+    ],
+)
+def test_the_minimum_range_is_the_farther_of_two(limits, least):
+    s = parsed_network(radar_entry("near", **PULSE, **limits), geometry=NEAR)
+    assert s.model.radars[0].min_range == pytest.approx(least, rel=1e-15)
+    again = rs.parse_scenario(yaml_text(s.resolved()))
+    assert_same_scenario(again, s)
+    entry = s.resolved()["radars"][0]
+    assert {key: entry.get(key, False) for key in limits} == limits
+
+
+@pytest.mark.parametrize(
+    ("limits", "key", "says"),
+    [
+        ({"min_range_km": 5, "max_range_km": 5}, "min_range_km", "must be less than max_range_km"),
+        ({"eclipsing": True, "max_range_km": 1}, "eclipsing", "within 1.64886 km, must be less"),
+        ({"eclipsing": True, "tracking": None, "constant": 1}, "eclipsing", "pulse_width_us"),
+    ],
+)
+def test_a_minimum_range_that_is_refused(limits, key, says):
+    where, complaint, _ = refused(radar_entry("near", **{**PULSE, **limits}))
+    assert where == f"radars[1].{key}"
+    assert says in complaint
 
 
 def test_levels_that_differ():
