@@ -57,8 +57,6 @@ yaml_text = partial(
     yaml.dump, sort_keys=False, Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 )
 
-dump_yaml = yaml_text
-
 
 def document(of=PAPER, /, **changes):
     """The paper's document, or another, with other values at key paths, `__` between the keys."""

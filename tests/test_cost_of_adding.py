@@ -10,15 +10,13 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import yaml
-from helpers import document, read_record, read_table
+from helpers import ROOT, document, read_record, read_table
 
 from radar_sense.command import ONE_RADAR
 
-ROOT = Path(__file__).parents[1]
 OLD_MIN_RANGE = "        min_range=_min_range(stated, sheet),\n"
 KEY = {
     "scenario_file/sections.py": (

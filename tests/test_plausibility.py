@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, scenario, write_path
+from helpers import csv_text, document, scenario, write_path
+from routes import GEO, HEAD
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -27,8 +28,7 @@ def of_route(folder, text, **changes):
 def geodetic(folder, lat=46.5, lon=9.0, alt=9000, middle=None, **changes):
     """Warnings of three rows with latitude and longitude, of which one may be at another height."""
     heights = enumerate((alt, alt if middle is None else middle, alt))
-    rows = [f"{20 * i},{lat},{lon + 0.05 * i},{height}" for i, height in heights]
-    text = "\n".join(["time_s,latitude_deg,longitude_deg,altitude_m", *rows])
+    text = csv_text(GEO, [(20 * i, lat, lon + 0.05 * i, height) for i, height in heights])
     path = {"type": "path", "file": "route.csv", "origin": ORIGIN}
     return of_route(folder, text, geometry=path, **changes)
 
@@ -63,8 +63,8 @@ def test_one_row_in_another_place_is_seen_at_any_step(tmp_path, step):
 
 
 def test_a_bank_that_rounded_positions_make_up(tmp_path):
-    rows = [f"{t},{300000 + 60 * (t % 2)},{200 * t},-9000" for t in range(20)]
-    warnings = of_route(tmp_path, "\n".join(["time_s,north_m,east_m,down_m", *rows]))
+    rows = [(t, 300000 + 60 * (t % 2), 200 * t, -9000) for t in range(20)]
+    warnings = of_route(tmp_path, csv_text(HEAD, rows))
     (steep,) = [text for text in warnings if "[bank-steep]" in text]
     assert steep.startswith("the aircraft banks by up to 88.2 deg at all 20 poses: if bank")
 
@@ -261,8 +261,8 @@ def test_twelve_equal_radars_are_warned_of_once():
 
 
 def test_a_table_without_elevations_is_used_far_from_the_horizon(tmp_path):
-    rows = [f"{a},0.5" for a in range(-180, 180, 30)]
-    (tmp_path / "t.csv").write_text("\n".join(["azimuth_deg,rcs_m2", *rows]))
+    around = range(-180, 180, 30)
+    (tmp_path / "t.csv").write_text(csv_text("azimuth_deg,rcs_m2", [(a, 0.5) for a in around]))
     rcs = {"model": "table", "file": str(tmp_path / "t.csv")}
     level = scenario(aircraft__rcs=rcs)
     assert plausibility_warnings(level) == ()
@@ -277,6 +277,6 @@ def test_a_table_without_elevations_is_used_far_from_the_horizon(tmp_path):
     # Banked by 20 deg with the radar abeam, 0.34 deg below, off the upper wing.
     assert "is used at up to 19.7 deg above or below the aircraft at 51 to 129 deg" in warning
     with_elevations = {**rcs, "file": str(tmp_path / "e.csv")}
-    rows = [f"{a},{e},0.5" for a in range(-180, 180, 30) for e in range(-90, 91, 30)]
-    (tmp_path / "e.csv").write_text("\n".join(["azimuth_deg,elevation_deg,rcs_m2", *rows]))
+    rows = [(a, e, 0.5) for a in around for e in range(-90, 91, 30)]
+    (tmp_path / "e.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_m2", rows))
     assert plausibility_warnings(scenario(aircraft__rcs=with_elevations)) == ()

@@ -1,15 +1,14 @@
 """The output shown in the README is the output of the commands."""
 
 import re
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from helpers import ROOT
 
 from radar_sense.cli import cli
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
-ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 

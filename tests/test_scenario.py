@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import assert_same_scenario, scenario
+from helpers import CONFIGS, ROOT, assert_same_scenario, scenario
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,8 +18,7 @@ from radar_sense.errors import InputError
 from radar_sense.flight import Path as Flight
 from radar_sense.scenario import for_radar
 
-ROOT = Path(__file__).parent.parent
-CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
+SCENARIOS = sorted(CONFIGS.glob("*.yaml"))
 MODEL = rs.DetectionModel(rcs=rs.EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
 AIRCRAFT = np.array([[0, 500e3, -3e3, 0, 0, math.pi / 2], [1e3, 500e3, -3e3, 0, 0, 1.0]])
 COV_AIRCRAFT = np.diag([100.0, 100, 100, 3e-4, 3e-4, 3e-4])
@@ -40,7 +39,7 @@ def arguments(aircraft=AIRCRAFT, covariance=COV_AIRCRAFT, **changes):
     return {"radars": [radar()], "geometry": rs.States.of(aircraft, covariance)} | changes
 
 
-@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("config", SCENARIOS, ids=lambda path: path.stem)
 def test_a_scenario_is_the_same_again_from_its_record_and_from_a_pickle(config, monkeypatch):
     """Scenarios are sent to worker processes, with all poses or some."""
     monkeypatch.chdir(ROOT)
@@ -90,7 +89,7 @@ def test_any_numbers_read_back_exactly(sizes, angles, km):
 
 
 def test_check_prints_numbers_as_typed(tool):
-    text = (ROOT / "configs/paper.yaml").read_text()
+    text = (CONFIGS / "paper.yaml").read_text()
     Path("my.yaml").write_text(text.replace("500  ", "5.00e2").replace("10,", "10.,"))
     out = tool("check", "my.yaml").out
     assert "p_fa: 1.7e-4\n" in out
@@ -103,7 +102,7 @@ def test_check_prints_numbers_as_typed(tool):
 
 
 def test_the_record_has_what_is_not_of_the_file():
-    s = rs.load_scenario(ROOT / "configs/paper.yaml")
+    s = rs.load_scenario(CONFIGS / "paper.yaml")
     plain = s.resolved()
 
     def changed(**changes):
@@ -219,6 +218,6 @@ def test_wrong_arguments_fail_where_they_are_made(words):
 
 
 def test_the_embedded_scenario_is_the_one_in_configs():
-    file = ROOT / "configs/paper.yaml"
+    file = CONFIGS / "paper.yaml"
     assert not file.is_symlink()
     assert file.read_bytes() == (ROOT / "radar_sense/paper.yaml").read_bytes()

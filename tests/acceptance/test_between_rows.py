@@ -8,34 +8,28 @@ import math
 
 import numpy as np
 import pytest
-from helpers import document, dump_yaml
+from helpers import csv_text, write_path
+from routes import HEAD, POSE_HEAD, triangle
+from scipy.constants import Boltzmann
 from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.acceptance import refinement
 
-BOLTZMANN = 1.380649e-23
 LIMIT = 0.1
 PAST = "0,-60000,80000,-3000\n600,60000,80000,-3000\n"
 
 
 def flight(folder, rows, radar, rcs, aircraft):
     """Return the scenario of a straight flight past one radar, or several."""
-    (folder / "route.csv").write_text("time_s,north_m,east_m,down_m\n" + rows)
-    content = document(
-        geometry={"type": "path", "file": "route.csv"},
-        aircraft__rcs=rcs,
-        uncertainty__aircraft=aircraft,
-        analysis={"level": "medium"},
-    )
-    del content["aircraft"]["attitude_deg"], content["radar"], content["uncertainty"]["radar"]
-    content["radars"] = [
+    several = [
         {"p_fa": 1e-6, "detector": "swerling1", "name": f"r{i}", **one}
         for i, one in enumerate(radar)
     ]
-    (folder / "flight.yaml").write_text(dump_yaml(content))
-    return rs.load_scenario(folder / "flight.yaml")
+    known = {"uncertainty__aircraft": aircraft, "analysis": {"level": "medium"}}
+    changes = {"aircraft__rcs": rcs, "radars": several, **known}
+    return rs.load_scenario(write_path(folder, f"{HEAD}\n{rows}", "flight.yaml", **changes))
 
 
 def flown(*args):
@@ -88,14 +82,14 @@ def test_the_accuracy_that_a_ring_beside_the_route_needs(tmp_path):
 def test_an_rcs_that_is_badly_known_at_one_aspect(tmp_path):
     azimuth = np.arange(-180, 180, 0.5)
     std = np.where(abs(azimuth + 63.0) < 1.1, 12.0, 0.1)  # on the left, where the radar is
-    rows = [f"{a},-10,{s}" for a, s in zip(azimuth, std, strict=True)]
-    (tmp_path / "rcs.csv").write_text("azimuth_deg,rcs_dbsm,std_db\n" + "\n".join(rows))
+    rows = [(a, -10, s) for a, s in zip(azimuth, std, strict=True)]
+    (tmp_path / "rcs.csv").write_text(csv_text("azimuth_deg,rcs_dbsm,std_db", rows))
     table = {"model": "table", "file": "rcs.csv"}
     errors = {"position_m": 10, "attitude_deg": 0.05}
     result = flown(tmp_path, PAST, [radar(0.02)], table, errors)
     # abeam at 300 s, and at 63 deg from the nose before
     north = -80e3 / math.tan(math.radians(63))
-    snr = 0.02 * 0.1 / (BOLTZMANN * math.hypot(north, 80e3, 3e3) ** 4)
+    snr = 0.02 * 0.1 / (Boltzmann * math.hypot(north, 80e3, 3e3) ** 4)
     needed = math.log(1e-6) / math.log(LIMIT) - 1
     probability = ndtr(-10 * math.log10(needed / snr) / 12)
     # the spline exceeds 12 dB between the nodes
@@ -104,11 +98,11 @@ def test_an_rcs_that_is_badly_known_at_one_aspect(tmp_path):
 
 def test_a_lobe_that_only_a_roll_turns_to_the_radar(tmp_path):
     rows = [
-        f"{a},{e},{20 if e == -12 and abs(a + 63) < 0.8 else -10}"
+        (a, e, 20 if e == -12 and abs(a + 63) < 0.8 else -10)
         for e in (-40, -30, -20, -15, -12, -9, -6, -3, 0, 3, 6, 9, 12, 20, 30, 40)
         for a in np.arange(-180, 180, 0.5)
     ]
-    (tmp_path / "rcs.csv").write_text("azimuth_deg,elevation_deg,rcs_dbsm\n" + "\n".join(rows))
+    (tmp_path / "rcs.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_dbsm", rows))
     errors = {"position_m": 10, "attitude_deg": [4, 0.05, 0.05]}
     table = {"model": "table", "file": "rcs.csv"}
     rows = "40,-52000,80000,-3000\n115,-37000,80000,-3000\n"
@@ -120,8 +114,7 @@ def test_a_lobe_that_only_a_roll_turns_to_the_radar(tmp_path):
 
 def test_a_gap_of_a_mask_that_is_open_one_sigma_higher(tmp_path):
     steps = ((-180, 5), (70.4, 5), (70.5, 2.3), (71.5, 2.3), (71.6, 5), (180, 5))
-    mask = "".join(f"{a},{e}\n" for a, e in steps)
-    (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n" + mask)
+    (tmp_path / "mask.csv").write_text(csv_text("azimuth_deg,elevation_deg", steps))
     sphere = {"model": "constant", "rcs_m2": 1}
     errors = {"position_m": [1, 1, 400], "attitude_deg": 1}
     result = flown(tmp_path, PAST, [radar(20, mask="mask.csv")], sphere, errors)
@@ -134,25 +127,27 @@ def banked(folder, step, method="legs", **place):
     """Return a flight with a bank of 35° for ten seconds, in rows between the poses."""
     times = [0, *range(1195, 1226), 2400]
     rolls = np.interp(times, [1200, 1205, 1215, 1220], [0, -35, -35, 0])
-    rows = [f"{t},60000,{200 * t - 240000},-9000,{roll},0,90" for t, roll in zip(times, rolls)]  # noqa: B905
-    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
-    (folder / "route.csv").write_text("\n".join([header, *rows]))
+    rows = [
+        (t, 60000, 200 * t - 240000, -9000, roll, 0, 90)
+        for t, roll in zip(times, rolls, strict=True)
+    ]
     between = {"step_s": step, "method": method}
-    content = document(
-        geometry={
-            "type": "path", "file": "route.csv", "axis": "distance", "interpolate": between
-        },
+    route = {"type": "path", "file": "route.csv", "axis": "distance", "interpolate": between}
+    of_radar = {"position_m": [0, 0, 0], "constant": 0.025, "p_fa": 1e-6}
+    file = write_path(
+        folder,
+        csv_text(POSE_HEAD, rows),
+        "flight.yaml",
+        geometry=route,
         aircraft__rcs={"model": "ellipsoid_exact", "x_m": 0.3, "y_m": 0.25, "z_m": 0.07},
-        radar={"p_fa": 1e-6, **radar(0.025), **place},
+        radar={**of_radar, **place},
         uncertainty={
             "aircraft": {"position_m": 10, "attitude_deg": 1},
             "radar": {"medium": {"position_m": 10, "constant": 5e-4}},
         },
         analysis={"level": "medium"},
-    )  # fmt: skip
-    del content["aircraft"]["attitude_deg"], content["radar"]["uncertainty"]
-    (folder / "flight.yaml").write_text(dump_yaml(content))
-    return rs.load_scenario(folder / "flight.yaml")
+    )
+    return rs.load_scenario(file)
 
 
 def test_a_bank_in_the_file_between_two_poses_of_a_coarse_step(tmp_path):
@@ -196,13 +191,11 @@ def test_rows_in_which_nothing_happens_are_no_poses(tmp_path):
     roll = np.zeros(n)
     roll[n // 2 + 2] = -35  # one row, between two poses
     north = 60000 + rng.normal(0, 1, n)
-    (tmp_path / "many.csv").write_text(
-        "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg\n"
-        + "".join(
-            f"{0.1 * i:.1f},{x:.1f},{20 * i - 200000},-9000,{r},0,90\n"
-            for i, (x, r) in enumerate(zip(north, roll, strict=True))
-        )
-    )
+    rows = [
+        (f"{0.1 * i:.1f}", f"{x:.1f}", 20 * i - 200000, -9000, r, 0, 90)
+        for i, (x, r) in enumerate(zip(north, roll, strict=True))
+    ]
+    (tmp_path / "many.csv").write_text(csv_text(POSE_HEAD, rows))
     banked(tmp_path, 60)
     scenario = rs.load_scenario(tmp_path / "flight.yaml", {"geometry.file": "many.csv"})
     found = analyses.variance(scenario, threshold=LIMIT).summary["threshold"]
@@ -248,33 +241,24 @@ KNOWN_POSE = {"position_m": 5, "attitude_deg": 1}
 
 def test_an_error_towards_the_radar_in_one_of_many_rows(tmp_path):
     """All rows have the same variances. In one row the correlation has another sign."""
-    head = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg,"
-    axes = ["north_m", "east_m", "down_m", "roll_deg", "pitch_deg", "yaw_deg"]
-    named = [tuple(name.rsplit("_", 1)) for name in axes]
-    pairs = [(a, b) for i, a in enumerate(named) for b in named[i:]]
-    for_unit = {("m", "m"): "m2", ("m", "deg"): "m_deg", ("deg", "deg"): "deg2"}
-    head += ",".join(f"cov_{a}_{b}_{for_unit[u, v]}" for (a, u), (b, v) in pairs)
-    rows = []
-    for i in range(200):
-        known = dict.fromkeys(axes, 0.01) | {"north_m": 4e6, "east_m": 4e6}
-        cross = 3.6e6 if i == 88 else -3.6e6
-        cells = [
-            known["_".join(a)] if a == b else cross if {a[0], b[0]} == {"north", "east"} else 0
-            for a, b in pairs
-        ]
-        place = [0.5 * i, 30000 + i, 30000 - i, -3000, 0, 0, 0]
-        rows.append(",".join(map(str, [*place, *cells])))
-    (tmp_path / "route.csv").write_text("\n".join([head, *rows]))
-    content = document(
+    covariance = np.tile(np.diag([4e6, 4e6, 0.01, 0.01, 0.01, 0.01]), (200, 1, 1))
+    covariance[:, 0, 1] = -3.6e6
+    covariance[88, 0, 1] = 3.6e6
+    columns = triangle(covariance)
+    rows = [
+        (0.5 * i, 30000 + i, 30000 - i, -3000, 0, 0, 0, *cells)
+        for i, cells in enumerate(np.stack([*columns.values()], axis=1).tolist())
+    ]
+    file = write_path(
+        tmp_path,
+        csv_text(",".join([POSE_HEAD, *columns]), rows),
         geometry={"type": "path", "file": "route.csv", "interpolate": {"step_s": 50}},
         aircraft__rcs={"model": "constant", "rcs_m2": 0.05},
         radar={"p_fa": 1e-6, "position_m": [0, 0, 0], "constant": 0.0007},
         uncertainty={"radar": {"medium": {"position_m": 1, "constant": 0.0001 * 0.0007}}},
         analysis={"level": "medium"},
     )
-    del content["aircraft"]["attitude_deg"]
-    (tmp_path / "flight.yaml").write_text(dump_yaml(content))
-    scenario = rs.load_scenario(tmp_path / "flight.yaml")
+    scenario = rs.load_scenario(file)
     uppers = [
         analyses.variance(s, method="form").table["upper_3sigma"].max()
         for s in (scenario, scenario.along(scenario.geometry.at(np.array([43.5, 44.0, 44.5]))))

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import document, dump_yaml, scenario, write_path
+from helpers import csv_text, document, scenario, write_path, yaml_text
 from reference import reading
+from routes import HEAD, POSE_HEAD
+from scipy.constants import Boltzmann
 from studies.bands import cases, truth
 
 import radar_sense as rs
@@ -14,7 +16,6 @@ from radar_sense import analyses
 from radar_sense.acceptance.threshold import path_test
 from radar_sense.propagation import band_of_scenario, propagate_scenario, unreliable_in_scenario
 
-BOLTZMANN = 1.380649e-23
 #: Nearly nothing is uncertain.
 CERTAIN = {
     "uncertainty__aircraft": {"position_m": 1, "attitude_deg": 0.01},
@@ -45,7 +46,8 @@ def random_flight(folder, number):
     """Write a flight of five poses past one to three radars, with random errors."""
     rng = np.random.default_rng(number)
     north = np.sort(rng.uniform(-60e3, 60e3, 5))
-    rows = [f"{100 * i},{n:.0f},{rng.uniform(20e3, 60e3):.0f},-6000" for i, n in enumerate(north)]
+    rows = [(100 * i, f"{n:.0f}", f"{rng.uniform(20e3, 60e3):.0f}", -6000)
+            for i, n in enumerate(north)]  # fmt: skip
     radars = [
         {
             "name": f"r{i}",
@@ -63,7 +65,9 @@ def random_flight(folder, number):
         }
         for i in range(rng.integers(1, 4))
     ]
-    content = document(
+    file = write_path(
+        folder,
+        csv_text(HEAD, rows),
         geometry={"type": "path", "file": "route.csv", "interpolate": {"step_s": 100}},
         aircraft__rcs={"model": "constant", "rcs_m2": 0.05},
         uncertainty__aircraft={"position_m": float(rng.uniform(10, 2000)), "attitude_deg": 1},
@@ -71,10 +75,7 @@ def random_flight(folder, number):
         analysis={"level": "medium", "seed": number},
         radars=radars,
     )
-    del content["radar"], content["uncertainty"]["radar"], content["aircraft"]["attitude_deg"]
-    (folder / "route.csv").write_text("time_s,north_m,east_m,down_m\n" + "\n".join(rows))
-    (folder / "flight.yaml").write_text(dump_yaml(content))
-    return rs.load_scenario(folder / "flight.yaml")
+    return rs.load_scenario(file)
 
 
 @pytest.mark.usefixtures("few_judge")
@@ -123,9 +124,7 @@ def test_anywhere_on_an_orbit_is_given_without_errors_of_the_aircraft_only(corre
 def past_a_limit(folder, beyond, at):
     """A flight of 1000 s, closest to a radar at a time, then beyond its 60 km by some metres."""
     east = math.sqrt((60e3 + beyond) ** 2 - 6e3**2)
-    text = "time_s,north_m,east_m,down_m\n" + "\n".join(
-        f"{time},{200 * (time - at)},{east},-6000" for time in (0, 1000)
-    )
+    text = csv_text(HEAD, [(time, 200 * (time - at), east, -6000) for time in (0, 1000)])
     return rs.load_scenario(
         write_path(
             folder,
@@ -177,16 +176,14 @@ def test_a_lobe_of_a_third_of_a_degree_between_rows_is_found(tmp_path, kind, cen
         orbit = {"type": "orbit", "range_km": 20, "down_km": -0.01, "azimuth_from": "north"}
         content = document(geometry={**orbit, "azimuth_deg": steps}, **common)
         content["aircraft"]["attitude_deg"] = [0, 0, 0]
-        (tmp_path / "s.yaml").write_text(dump_yaml(content))
+        (tmp_path / "s.yaml").write_text(yaml_text(content))
         s = rs.load_scenario(tmp_path / "s.yaml")
     else:
         place = 20e3 * np.array([math.cos(towards), math.sin(towards)])
         across = np.array([-math.sin(towards), math.cos(towards)])
-        header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg\n"
-        ends = [(time, *(place + 200 * (time - 8.1) * across)) for time in (0, 20)]
-        text = header + "\n".join(f"{t},{n},{e},-10,0,0,0" for t, n, e in ends)
-        s = rs.load_scenario(write_path(tmp_path, text, **common))
-    snr = 2e-4 * 1.0 / (BOLTZMANN * 20e3**4)
+        rows = [(t, *(place + 200 * (t - 8.1) * across), -10, 0, 0, 0) for t in (0, 20)]
+        s = rs.load_scenario(write_path(tmp_path, csv_text(POSE_HEAD, rows), **common))
+    snr = 2e-4 * 1.0 / (Boltzmann * 20e3**4)
     top = 1e-6 ** (1 / (1 + snr))
     assert top > 0.5
     assert s.model.p_d(s.aircraft, s.radar).max() < 0.1

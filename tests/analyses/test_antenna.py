@@ -7,8 +7,9 @@ import pickle
 
 import numpy as np
 import pytest
-from helpers import document, network_document, scenario, yaml_text
+from helpers import csv_text, document, network_document, scenario, slopes, yaml_text
 from numpy.testing import assert_allclose
+from routes import GEO, HEAD
 from scipy.constants import Boltzmann
 from scipy.interpolate import PchipInterpolator
 from scipy.special import erfc
@@ -28,13 +29,9 @@ AT_10 = {"start": 10, "stop": 10, "step": 1}
 MASK = [(0, 0.2), (40, 1.5), (90, 0.4), (200, 3.0), (300, -1.0), (360, 0.2)]
 
 
-def csv(names, rows):
-    return "\n".join([names, *(",".join(map(str, row)) for row in rows)]) + "\n"
-
-
 def files(folder, gain=GAIN, mask=MASK):
-    (folder / "gain.csv").write_text(csv("elevation_deg,gain_db", gain))
-    (folder / "mask.csv").write_text(csv("azimuth_deg,elevation_deg", mask))
+    (folder / "gain.csv").write_text(csv_text("elevation_deg,gain_db", gain))
+    (folder / "mask.csv").write_text(csv_text("azimuth_deg,elevation_deg", mask))
 
 
 def made(folder, **changes):
@@ -103,15 +100,10 @@ def test_the_partials_are_those_of_differences(seed):
     aircraft = np.hstack([rng.uniform(-1e5, 1e5, (n, 3)), rng.uniform(-3, 3, (n, 3))])
     place, constant = rng.uniform(-2e3, 2e3, (n, 3)), rng.uniform(30, 300, (n, 1))
     radar = np.hstack([place, constant, 0.05 * rng.standard_normal((n, 3))])
-    _, by_aircraft, by_radar = model.linearize_probit(aircraft, radar)
-    for states, by, first in ((aircraft, by_aircraft, True), (radar, by_radar, False)):
-        for i in range(states.shape[1]):
-            step = np.zeros(states.shape[1])
-            step[i] = 1.0 if i < 3 else 1e-6
-            moved = (states + step, states - step)
-            both = [(m, radar) if first else (aircraft, m) for m in moved]
-            above, below = (model.linearize_probit(*each)[0] for each in both)
-            assert_allclose(by[:, i], (above - below) / (2 * step[i]), rtol=1e-4, atol=2e-9)
+    whole, steps = np.hstack([aircraft, radar]), [1.0] * 3 + [1e-6] * 3 + [1.0] * 3 + [1e-6] * 4
+    _, *gradients = model.linearize_probit(aircraft, radar)
+    found = slopes(lambda s: model.linearize_probit(s[:, :6], s[:, 6:])[0], whole, steps)
+    assert_allclose(np.hstack(gradients), found, rtol=1e-4, atol=2e-9)
 
 
 def test_a_tilt_is_a_source_of_the_budget(tmp_path):
@@ -203,7 +195,7 @@ def test_a_gap_of_the_mask_between_two_rows_is_found(tool, tmp_path):
     """The terrain hides the whole path but for a notch of 160 m between two rows."""
     files(tmp_path, mask=[(0, 30), (30, 30), (30.1, 0), (30.3, 0), (30.4, 30), (360, 30)])
     rows = [(60 * i, 4e4, 1.5e4 + 9e3 * i, -3000) for i in range(4)]
-    (tmp_path / "route.csv").write_text(csv("time_s,north_m,east_m,down_m", rows))
+    (tmp_path / "route.csv").write_text(csv_text(HEAD, rows))
     small = {"low": {"position_m": 1, "constant": 0.1}}
     made(
         tmp_path,
@@ -223,7 +215,7 @@ def test_a_radar_on_earth_has_its_own_vertical(tmp_path):
     files(tmp_path)
     place = {"latitude_deg": 50.0, "longitude_deg": 20.0, "altitude_m": 0.0}
     rows = [(0, 50.5, 20.0, 9000), (60, 50.5, 20.1, 9000)]
-    (tmp_path / "route.csv").write_text(csv("time_s,latitude_deg,longitude_deg,altitude_m", rows))
+    (tmp_path / "route.csv").write_text(csv_text(GEO, rows))
     radar = {"position_geodetic": place, "constant": C_R, "p_fa": P_FA}
     origin = {"latitude_deg": 41.0, "longitude_deg": 20.0, "altitude_m": 0}
     s = made(
@@ -282,7 +274,7 @@ def test_files_are_recorded_read_back_and_pickled(tool, tmp_path):
     assert done.code == 0
     (tmp_path / "again.yaml").write_text(done.out)
     assert tool("check", "again.yaml").out == done.out
-    (tmp_path / "gain.csv").write_text(csv("elevation_deg,gain_db", GAIN[1:]))
+    (tmp_path / "gain.csv").write_text(csv_text("elevation_deg,gain_db", GAIN[1:]))
     changed = tool("check", "again.yaml")
     assert changed.code == 2
     assert "again.yaml" in changed.err

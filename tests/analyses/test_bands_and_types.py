@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import yaml
-from helpers import stds_of, yaml_text
+from helpers import csv_text, stds_of, yaml_text
 from numpy.testing import assert_allclose
 from scipy.constants import Boltzmann, speed_of_light
 from scipy.special import erfc
@@ -219,9 +219,8 @@ def test_the_warning_of_a_table_names_the_one_that_ends(tmp_path):
     """Not the table of the last band, which goes from straight below to straight above."""
     tables = {"s": (-1, 1), "x": (-90, 0, 90)}
     for band, elevations in tables.items():
-        rows = [f"{azimuth},{e},1" for e in elevations for azimuth in range(0, 360, 30)]
-        text = "\n".join(["azimuth_deg,elevation_deg,rcs_m2", *rows])
-        (tmp_path / f"{band}.csv").write_text(text)
+        rows = [(azimuth, e, 1) for e in elevations for azimuth in range(0, 360, 30)]
+        (tmp_path / f"{band}.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_m2", rows))
     content = document(radar("one", "s"), radar("two", "x"))
     content["aircraft"]["rcs"] = {
         "bands": {band: {"model": "table", "file": f"{band}.csv"} for band in tables}

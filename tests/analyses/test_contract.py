@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
+    CONFIGS,
     document,
     few_draws,
     lay_out,
@@ -31,7 +32,6 @@ from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
 from radar_sense.propagation import METHODS
 from radar_sense.propagation.linear import Linear
 
-ROOT = Path(__file__).parents[2]
 ALL = {
     name: command_line.load(name)
     for name in command_line.commands()
@@ -52,7 +52,7 @@ FEW = {"start": 40, "stop": 60, "step": 20}
 
 
 def read_config(name):
-    return yaml.safe_load((ROOT / f"configs/{name}.yaml").read_text(encoding="utf-8"))
+    return yaml.safe_load((CONFIGS / f"{name}.yaml").read_text(encoding="utf-8"))
 
 
 def documents(name: str):
@@ -62,7 +62,7 @@ def documents(name: str):
         yield network
         yield document(geometry__azimuth_deg=FEW)
         return
-    route = str(ROOT / "configs/path_route.csv")
+    route = str(CONFIGS / "path_route.csv")
     one = document(read_config("mission"), geometry__file=route, radar__scan_period_s=60)
     for radar, period in zip(network["radars"], (60, 60, 90), strict=True):
         radar["scan_period_s"] = period

@@ -1,60 +1,28 @@
-"""The analyses of a network, called from Python: budgets, tables and figures."""
+"""The analyses of a network: its columns, its map, and a list of one radar."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import cov_by_level, paper_network, parsed_network, radar_entry, stds_of, with_arrays
+import yaml
+from helpers import (
+    CONFIGS,
+    cov_by_level,
+    network_document,
+    paper_network,
+    parsed_network,
+    radar_entry,
+    write,
+    yaml_text,
+)
 from numpy.testing import assert_allclose, assert_array_equal
 
+import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.accuracy import required_accuracies
 from radar_sense.analyses.rcs import rcs
-from radar_sense.propagation import propagate, propagate_scenario
+from radar_sense.propagation import propagate
 from radar_sense.scenario import single_radar_scenarios
-from radar_sense.scenario_file.load import load_scenario, parse_scenario
-from radar_sense.sources import error_budget
-
-PAPER = load_scenario()
-RADAR_MODEL = PAPER.model.radars[0].model
-
-
-# Budgets and analyses.
-
-
-def test_budget_has_rows_for_the_aircraft_and_each_radar():
-    scenario = paper_network([(0, 0, 0), (1e5, 0, 0), (0, -2e5, 0)], [60, 100, 30])
-    found = error_budget(scenario)
-    assert list(found.sources) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "r2"]
-    parts = [f"r{i}_{part}" for i in range(3) for part in ("position", "constant")]
-    assert list(found.finer) == ["aircraft", *parts]
-    squares = {name: std**2 for name, std in stds_of({**found.sources, **found.finer}).items()}
-    assert_allclose(sum(squares[s] for s in found.sources), found.total.std**2, rtol=1e-12)
-    both = squares["aircraft_position"] + squares["aircraft_orientation"]
-    assert_allclose(squares["aircraft"], both)
-    lin = scenario.model.linearize(scenario.aircraft, scenario.radar)
-    expected = np.sum(lin.jac_radar[:, 4:8] ** 2 * np.diag(PAPER.cov_radar), axis=1)
-    assert_allclose(squares["r1"], expected)
-    for i in range(3):
-        parts = squares[f"r{i}_position"] + squares[f"r{i}_constant"]
-        assert_allclose(squares[f"r{i}"], parts, rtol=1e-12)
-        assert_allclose(found.finer[f"r{i}_constant"].std, 5 * lin.jac_radar[:, 4 * i + 3])
-    two = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91))
-    allowed = required_accuracies(two, 0.05)
-    assert list(allowed) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "all"]
-
-
-def test_each_radar_by_itself():
-    scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100])
-    # the second is twice as uncertain as the first
-    worse = {level: np.kron(np.diag([1, 4]), c) for level, c in cov_by_level(PAPER).items()}
-    scenario = with_arrays(scenario, cov_radar=worse)
-    parts = single_radar_scenarios(scenario)
-    assert list(parts) == ["r0", "r1"]
-    assert_array_equal(parts["r1"].radar, [1e5, 0, 0, 100])
-    assert_array_equal(cov_by_level(parts["r0"])["high"], cov_by_level(PAPER)["high"])
-    assert_array_equal(cov_by_level(parts["r1"])["high"], 4 * cov_by_level(PAPER)["high"])
-    states = scenario.aircraft, parts["r1"].radar
-    expected = propagate(RADAR_MODEL, *states, scenario.cov_aircraft, 4 * PAPER.cov_radar)
-    assert_array_equal(propagate_scenario(parts["r1"]).std, expected.std)
+from radar_sense.scenario_file.load import parse_scenario
 
 
 def test_variance_table_has_each_radar_and_the_network():
@@ -112,3 +80,76 @@ analysis: {level: s}
     assert not found.warnings
     largest = found.summary["largest_three_sigma_by_itself"]["edge"]["value"]
     assert largest == pytest.approx(0.257, rel=0.03)
+
+
+# Commands.
+
+
+def with_few_poses(text):
+    """The document of a scenario of `configs` at few azimuths, its files found from elsewhere."""
+    content = yaml.safe_load(text)
+    for where in (content["geometry"], content["aircraft"]["rcs"]):
+        if "file" in where:
+            where["file"] = str(CONFIGS / where["file"])
+    if "azimuth_deg" in content["geometry"]:
+        content["geometry"]["azimuth_deg"]["step"] = 30
+    return content
+
+
+@pytest.mark.parametrize("name", ["paper", "covariance", "s_band_surveillance", "path"])
+def test_a_list_of_one_radar_is_that_radar_bit_for_bit(tool, name):
+    content = with_few_poses((CONFIGS / f"{name}.yaml").read_text())
+    write(yaml_text(content), "single.yaml")
+    of_radar = content["uncertainty"].pop("radar")
+    content["radars"] = [{"name": "one", **content.pop("radar"), "uncertainty": of_radar}]
+    write(yaml_text(content))
+    for line in (
+        "variance --method form",
+        "sensitivity --method probit",
+        "budget",
+        "montecarlo --runs 64",
+        "montecarlo --runs 64 --sampler sobol",
+    )[: {"paper": 5, "s_band_surveillance": 4}.get(name, 1)]:
+        tables = []
+        for file in ("my.yaml", "single.yaml"):
+            code, _, err = tool(*line.split(), file, "--no-plot", "--out", file[0])
+            assert code == 0, err
+            (table,) = Path(file[0]).glob("*.csv")
+            tables.append(table.read_bytes())
+            table.unlink()
+        assert tables[0] == tables[1], line
+
+
+NETWORK = network_document(
+    radar_entry("east", position_m=[0, 2e5, -30], constant=20, max_range_km=600),
+    radar_entry("west", position_m=[0, -2e5, -30], constant=30, detector="swerling1"),
+)
+
+
+def test_the_map_of_a_network(tool):
+    write(yaml_text(NETWORK))
+    line = "map my.yaml --upper --method form --step-km 100 --no-plot --out out"
+    code, _, err = tool(*line.split(), *["--north-km", "-400", "400", "--east-km", "-700", "700"])
+    assert code == 0, err
+    with np.load("out/paper_map.npz") as file:
+        found = dict(file)
+    s = rs.parse_scenario(yaml_text(NETWORK))
+    states = np.tile(s.aircraft[0], (9, 15, 1))
+    states[..., 0], states[..., 1] = found["north_m"][:, np.newaxis], found["east_m"]
+    p_d = s.model.p_d(states, s.radar)
+    assert_array_equal(found["p_d"], p_d.astype(np.float32))
+    moments = rs.propagate(
+        s.model, states, s.radar, s.cov_aircraft, cov_by_level(s)["low"], method="form"
+    )
+    seen = s.model.visible(states, s.radar)
+    distance = np.linalg.norm(states[..., :3] - s.radar[:3], axis=-1)
+    error = 3 * (np.sqrt(s.cov_aircraft[0, 0]) + np.sqrt(cov_by_level(s)["low"][0, 0]))
+    crossed = ~seen[..., 0] & (distance - error < 600e3)
+    assert np.count_nonzero(crossed) == 1
+    same = np.isclose(found["upper_3sigma"], moments.upper, rtol=1e-6, equal_nan=True)
+    assert np.array_equal(same, ~crossed)
+    assert np.all(found["upper_3sigma"][crossed] > moments.upper[crossed])
+    assert not seen[..., 0].all()  # the limit of one of them is on the map
+    for i, model in enumerate(s.model.models):
+        by_itself = model.p_d(states, s.radar[4 * i : 4 * i + 4])
+        assert np.all(p_d >= np.where(seen[..., i], by_itself, 0))

@@ -1,16 +1,14 @@
 """A wrong option in Python is an InputError of one line, before any model is evaluated."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from helpers import no_physics
+from helpers import CONFIGS, no_physics
 
 import radar_sense as rs
 from radar_sense import cli
 from radar_sense.command import LEVEL, NUMBER_OF_RUNS, ONE_RADAR, SEED_OF_DRAWS
 
-NETWORK = rs.load_scenario(Path(__file__).parents[2] / "configs/network.yaml")
+NETWORK = rs.load_scenario(CONFIGS / "network.yaml")
 ALL = {name: cli.load(name) for name in cli.commands()}
 SHARED = [LEVEL, ONE_RADAR, NUMBER_OF_RUNS, SEED_OF_DRAWS]
 #: Each command with the options that are its own, and the options that all commands have. `dask`

@@ -1,18 +1,17 @@
 """The summary lines of `check`, against plain loops over the poses."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from helpers import scenario, write_path
+from helpers import CONFIGS, csv_text, scenario, write_path
+from routes import GEO, HEAD
 
 import radar_sense as rs
 from radar_sense.analyses.check import overview
 from radar_sense.model.geodesy import geodetic_from_ned
 
-ROOT = Path(__file__).parents[2]
 #: A quarter of a circle of 20 km to the right at 200 m/s, climbing at 5 m/s.
 SPEED, RADIUS = 200.0, 20e3
 TIMES = np.arange(0.0, 158.0, 2.0)
@@ -21,11 +20,9 @@ TIMES = np.arange(0.0, 158.0, 2.0)
 def test_a_turn_on_a_flat_earth(tmp_path, tool, monkeypatch):
     monkeypatch.chdir(tmp_path)
     angle = SPEED / RADIUS * TIMES
-    rows = [
-        f"{t},{RADIUS * math.sin(a)},{RADIUS * (1 - math.cos(a)) + 4e4},{-1000 - 5 * t}"
-        for t, a in zip(TIMES, angle, strict=True)
-    ]
-    file = write_path(tmp_path, "time_s,north_m,east_m,down_m\n" + "\n".join(rows))
+    north, east = RADIUS * np.sin(angle), RADIUS * (1 - np.cos(angle)) + 4e4
+    rows = zip(TIMES, north, east, -1000 - 5 * TIMES, strict=True)
+    file = write_path(tmp_path, csv_text(HEAD, rows))
     scenario = rs.load_scenario(file)
     constant, path, height, radar = overview(scenario)
     assert path == "path: 156 s (0:02:36), 31.21 km, speed 200.1 m/s"
@@ -49,11 +46,11 @@ def test_a_turn_on_a_flat_earth(tmp_path, tool, monkeypatch):
 
 def test_level_flight_on_the_round_earth(tmp_path):
     """300 km from the origin its level is tilted by 2.7 deg, and its height is 7 km off."""
-    rows = [f"{60 * i},47,{8 + 0.1 * i},9000" for i in range(41)]
+    rows = [(60 * i, 47, 8 + 0.1 * i, 9000) for i in range(41)]
     origin = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 400}
     file = write_path(
         tmp_path,
-        "time_s,latitude_deg,longitude_deg,altitude_m\n" + "\n".join(rows),
+        csv_text(GEO, rows),
         geometry={"type": "path", "file": "route.csv", "origin": origin},
     )
     scenario = rs.load_scenario(file)
@@ -105,7 +102,7 @@ def test_an_aircraft_beyond_the_horizon(tool):
 
 
 def test_poses_beyond_the_horizon_of_a_path():
-    s = rs.load_scenario(ROOT / "configs/mission.yaml")
+    s = rs.load_scenario(CONFIGS / "mission.yaml")
     height, distance = -s.aircraft[:, 2], np.linalg.norm(s.aircraft[:, :3] - s.radar[:3], axis=1)
     beyond = distance > np.sqrt(2 * 4 / 3 * 6371e3 * height)
     first, last = s.time_s[np.flatnonzero(beyond)[[0, -1]]]

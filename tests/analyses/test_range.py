@@ -3,11 +3,10 @@
 import dataclasses
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import document, scenario, sheet_document, with_arrays, yaml_text
+from helpers import CONFIGS, document, scenario, sheet_document, with_arrays, yaml_text
 from scipy.special import ndtr
 
 import radar_sense as rs
@@ -353,9 +352,8 @@ def test_where_form_fails_the_bounds_are_those_of_plain_draws(metres):
     Lobes of a few degrees and errors of many make form diverge or miss. A bound may be off by 4 of
     its errors of 1 %, and by 4 errors of the plain draws.
     """
-    configs = Path(__file__).parents[2] / "configs"
     keys = {"uncertainty.aircraft": f"{{position_m: {metres}, attitude_deg: 8}}"}
-    s = rs.load_scenario(configs / "table.yaml", keys).with_analysis(level="high")
+    s = rs.load_scenario(CONFIGS / "table.yaml", keys).with_analysis(level="high")
     bearings = np.deg2rad([0, 90])
     found = on_rays(s, 0, 90)
     rng, n = np.random.default_rng(5), 60_000

@@ -1,15 +1,12 @@
 """What `budget --threshold` requires agrees with the threshold test, and with what is known."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from helpers import CONFIGS
 from scipy.constants import Boltzmann
 from scipy.optimize import brentq
 
 import radar_sense as rs
-
-CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def near(constant, std, rest=""):

@@ -1,11 +1,10 @@
 """`sweep`: what `variance` says of each value, in one table."""
 
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import read_record, read_table
+from helpers import CONFIGS, read_record, read_table
 from numpy.testing import assert_allclose
 
 import radar_sense as rs
@@ -15,7 +14,7 @@ from radar_sense.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("quick")
 
-CONFIG = Path(__file__).parents[2] / "configs/radial.yaml"
+CONFIG = CONFIGS / "radial.yaml"
 VALUES = (100.0, 150.0, 200.0)
 SWEPT = {"key": "radar.constant", "start": 100, "stop": 200, "step": 50}
 

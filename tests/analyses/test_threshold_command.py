@@ -6,18 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import cov_by_level, lay_out, read_record, read_table, scenario, write_path
+from routes import POSE_HEAD, UNCERTAIN
 from scipy.special import erfc
 
 import radar_sense as rs
 
-HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
-STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
-UNCERTAIN = f"""{HEADER},{STD}
-100,400e3,-200e3,-8000,0,0,80,10,20,30,1,2,3
-500,380e3,-100e3,-8000,2,0,170,100,20,30,1,0,3
-1000,350e3,0,-9000,0,1,-170,1000,20,30,1,2,0.1
-1500,350e3,100e3,-9000,0,0,-120,0,0,0,0,0,0
-"""
 PLACES = ["north_m", "east_m", "down_m"]
 ERROR = "error_3sigma"  # the last column, where bounds are by draws
 
@@ -123,7 +116,7 @@ def test_a_single_pose_is_above_as_a_whole_or_not_at_all(p_max, share):
 
 
 def test_no_bound_is_not_known(tool):
-    over = f"{HEADER}\n0,1000,0,-3e5,0,0,0\n10,0,0,-3e5,0,0,0\n20,-1000,0,-3e5,0,0,0\n"
+    over = f"{POSE_HEAD}\n0,1000,0,-3e5,0,0,0\n10,0,0,-3e5,0,0,0\n20,-1000,0,-3e5,0,0,0\n"
     code, out, err = tool("variance", write(Path(), over), "--threshold", 1, "--method", "probit")
     assert code == 3
     assert out.startswith("NOT KNOWN at 10 s: ")

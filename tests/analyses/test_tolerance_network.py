@@ -1,4 +1,4 @@
-"""Budgets of networks whose radar constants are uncertain by their tolerances."""
+"""Budgets of radars and networks whose constants are uncertain by their tolerances."""
 
 import json
 import re
@@ -10,12 +10,14 @@ import yaml
 from helpers import (
     MIXED_SEARCH_STD,
     MIXED_TRACK_STD,
+    TOLERANCES,
     mixed_document,
     mixed_network,
     mixed_radars,
     one_line,
     part_shares,
     shares_of,
+    sheet_scenario,
     stds_of,
     write,
     yaml_text,
@@ -213,3 +215,49 @@ def test_a_badly_known_place_of_a_radar_with_a_data_sheet_comes_first(method):
         )
     else:  # Sobol' indices are of whole radars
         assert result.report[0].startswith("know better first: a, ")
+
+
+# A single radar.
+
+#: Any method but the linear one takes the factor of a tolerance in decibels as log-normal.
+LARGE = {"loss_db": 2, "noise_figure_db": 1}
+
+
+@pytest.mark.parametrize(
+    "analyse", [analyses.variance, analyses.budget, analyses.montecarlo, analyses.sensitivity]
+)
+def test_every_analysis_warns_of_a_band_by_first_order(analyse):
+    """A c_r known to 2.2 dB has a skewness of 2, and its draws say so."""
+    s = sheet_scenario(tolerances=LARGE).at_poses(slice(2, 5))
+    words = ("the linear band is off at all 3 poses: ", "sigma by linear is off at all 3 poses: ")
+    warnings = [w for w in analyse(s, method="linear").warnings if any(x in w for x in words)]
+    assert len(warnings) == 1
+    assert not [w for w in analyse(s).warnings if "is off" in w]  # automatic
+
+
+def test_the_budget_names_the_part_to_measure_better():
+    s = sheet_scenario()
+    result = analyses.budget(s, method="form")
+    line = result.report[0]
+    assert line.startswith("know better first: radar_constant_loss_db, ")
+    better = sheet_scenario(tolerances={**TOLERANCES["surveillance"], "loss_db": 0.5})
+    pose = s.axis.values.tolist().index(
+        result.summary["largest_three_sigma_total"]["theta_r_deg"][0]
+    )
+    total = 3 * propagate_scenario(better, method="form").std[pose]
+    assert f"; half its deviation leaves {total:.4f} of " in line
+    small = sheet_scenario(tolerances={"loss_db": 0.004, "average_power_kw": 0.001})
+    line = analyses.budget(small, method="form").report[0]
+    assert line.startswith("know better first: aircraft_orientation, ")
+    plain = analyses.budget(sheet_scenario(level="number"), method="linear")
+    assert "radar_constant_" not in plain.report[0]
+    assert not [column for column in plain.table if "radar_constant_" in column]
+    assert not [key for key in plain.summary if "parts" in key]
+
+
+def test_certain_parts_bring_nothing():
+    s = sheet_scenario(tolerances={"loss_db": 0.0, "average_power_kw": 0})
+    found = error_budget(s)
+    assert not found.sources["radar_constant"].std.any()
+    assert not np.any(list(stds_of(found.parts).values()))
+    assert analyses.budget(s, method="montecarlo").report

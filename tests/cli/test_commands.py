@@ -19,6 +19,8 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from helpers import (
+    CONFIGS,
+    ROOT,
     SOURCES,
     few_draws,
     read_record,
@@ -37,9 +39,8 @@ from radar_sense.scenario_file.load import default_text
 
 pytestmark = pytest.mark.usefixtures("quick")
 
-ROOT = Path(__file__).parents[2]
-CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
-ROUTE = ROOT / "configs/path_route.csv"
+SCENARIOS = sorted(CONFIGS.glob("*.yaml"))
+ROUTE = CONFIGS / "path_route.csv"
 COMMANDS = cli.list_commands(None)
 #: Commands that are not tested here as analyses are. `validate` draws for long, `mission` needs a
 #: path, `report` gathers analyses, and `diff` compares records: each has its own tests.
@@ -111,12 +112,12 @@ def test_every_command_has_examples_that_run(tool, monkeypatch, command):
     lines = examples(out)
     assert all(line.startswith(f"radar-sense {command}") for line in lines)
     if command == "mission":
-        text = (ROOT / "configs/mission.yaml").read_text().replace("path_route.csv", str(ROUTE))
+        text = (CONFIGS / "mission.yaml").read_text().replace("path_route.csv", str(ROUTE))
         Path("my.yaml").write_text(text.replace("scan_period_s: 10", "scan_period_s: 60"))
     elif command != "init":
         assert tool("init", "my.yaml").code == 0
         Path("my.yaml").write_text(Path("my.yaml").read_text().replace("step: 0.5", "step: 30"))
-        text = (ROOT / "configs/network.yaml").read_text()
+        text = (CONFIGS / "network.yaml").read_text()
         Path("network.yaml").write_text(text.replace("step: 0.5", "step: 60"))
     if command == "diff":
         for folder in ("before", "after"):
@@ -314,7 +315,7 @@ KINDS = ("covariance", "table")
 PAIRS = [
     (command, config)
     for command in ANALYSES
-    for config in CONFIGS
+    for config in SCENARIOS
     if command in CHEAP or (config.stem in KINDS and command != "sweep")
 ]
 

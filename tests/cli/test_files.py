@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import one_line
+from helpers import CONFIGS, one_line
 
 import radar_sense as rs
 from radar_sense import cli as command_line
@@ -24,7 +24,6 @@ from radar_sense import files
 
 pytestmark = pytest.mark.usefixtures("quick")
 
-ROOT = Path(__file__).parents[2]
 
 OLD = {"a.csv": b"old a", "a.json": b"old json", "a.pdf": b"old pdf", "other": b"mine"}
 NEW = {"a.csv": b"new a", "a.png": b"new png", "a.json": b"new json"}
@@ -259,7 +258,7 @@ def test_an_input_is_never_overwritten(tool, which):
     """An input file is protected under every spelling of its name."""
     from radar_sense.scenario_file.load import default_text
 
-    root = ROOT / "configs"
+    root = CONFIGS
     Path("figures").mkdir()
     output, config = Path("figures/paper_budget.csv"), Path("my.yaml")
     sources = {"table": "synthetic_aircraft.csv", "path": "path_route.csv"}

@@ -4,14 +4,13 @@ from pathlib import Path
 
 import pytest
 import yaml
-from helpers import one_line
+from helpers import CONFIGS, ROOT, one_line
 
 from radar_sense.scenario_file import starters
 from radar_sense.scenario_file.load import default_text
 
 pytestmark = pytest.mark.usefixtures("quick")
 
-ROOT = Path(__file__).parents[2]
 #: What each starter is for, by its option.
 ANALYSES = {
     "": "sensitivity",
@@ -54,7 +53,7 @@ def test_every_starter_runs(tool, option):
     assert sum("#" in line for line in lines) > len(lines) / 3
 
 
-@pytest.mark.parametrize("name", [path.stem for path in sorted(ROOT.glob("configs/*.yaml"))])
+@pytest.mark.parametrize("name", [path.stem for path in sorted(CONFIGS.glob("*.yaml"))])
 def test_every_example_is_a_start(tool, name):
     assert tool("init", "--from", name, "my.yaml").code == 0
     assert tool("check", "my.yaml").code == 0
@@ -64,7 +63,7 @@ def test_every_example_is_a_start(tool, name):
 def test_the_examples_are_in_the_wheel():
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert 'force-include = { "configs" = "radar_sense/configs" }' in text
-    assert len(starters.examples()) == len(list(ROOT.glob("configs/*.yaml")))
+    assert len(starters.examples()) == len(list(CONFIGS.glob("*.yaml")))
 
 
 @pytest.mark.parametrize("make", ["file", "folder", "dangling link"])

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import ROOT
 
-ROOT = Path(__file__).parents[2]
 #: What a run says when it is interrupted: before, among and after its files.
 LINES = (
     "Interrupted; nothing was written.",

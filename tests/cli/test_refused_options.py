@@ -7,9 +7,7 @@ import shlex
 from pathlib import Path
 
 import pytest
-from helpers import one_line
-
-CONFIGS = Path(__file__).parents[2] / "configs"
+from helpers import CONFIGS, one_line
 
 #: What one line refuses, by command. A file is one of `configs`.
 REFUSED = {

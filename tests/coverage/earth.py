@@ -1,6 +1,7 @@
 """Scenarios of routes on the round earth."""
 
-from helpers import document, dump_yaml
+from helpers import csv_text, write_path
+from routes import ATTITUDE
 
 import radar_sense as rs
 
@@ -16,12 +17,9 @@ def flight(folder, places, origin, attitude=None, **changes):
         changes: Of the document.
     """
     keys = ("latitude_deg", "longitude_deg", "altitude_m")
-    header = ["time_s", *keys, *(("roll_deg", "pitch_deg", "yaw_deg") if attitude else ())]
+    head = ["time_s", *keys, *(ATTITUDE if attitude else ())]
     rows = [[600 * i, *map(float, place), *(attitude or ())] for i, place in enumerate(places)]
-    text = "\n".join(",".join(map(str, row)) for row in [header, *rows])
-    (folder / "route.csv").write_text(text)
     geometry = {"type": "path", "file": "route.csv", "origin": dict(zip(keys, origin, strict=True))}
-    content = document(geometry=geometry, **changes)
-    del content["aircraft"]["attitude_deg"]
-    (folder / "flight.yaml").write_text(dump_yaml(content))
-    return rs.load_scenario(folder / "flight.yaml")
+    changes = {"geometry": geometry, "radar__constant": 167, **changes}
+    file = write_path(folder, csv_text(",".join(head), rows), "flight.yaml", **changes)
+    return rs.load_scenario(file)

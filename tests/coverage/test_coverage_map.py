@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from earth import flight
-from helpers import document, dump_yaml, lay_out, scenario, with_arrays
+from helpers import CONFIGS, csv_text, document, lay_out, scenario, with_arrays, yaml_text
 from matplotlib.collections import LineCollection
 from scipy.optimize import brentq
 
@@ -21,7 +21,6 @@ from radar_sense.propagation import propagate_scenario
 
 pytestmark = pytest.mark.usefixtures("quick")
 
-ROOT = Path(__file__).parents[2]
 #: Methods without draws, which a map can have in every cell.
 SMOOTH = ("linear", "probit", "form")
 SMALL = {"north_km": (-600, 600), "east_km": (-300, 700), "step_km": 50}
@@ -65,7 +64,7 @@ def test_bound_is_that_of_propagate(config, method):
     if config == "paper":
         s, reach, step = scenario().with_analysis(level="high"), 600, 150
     else:
-        s, reach, step = rs.load_scenario(ROOT / f"configs/{config}.yaml"), 250, 50
+        s, reach, step = rs.load_scenario(CONFIGS / f"{config}.yaml"), 250, 50
     cells = area.grid(s, north_km=(-reach, reach), east_km=(10, reach + 10), step_km=step)
     _, bound = area.p_d_in_cells(cells, method=method)
     moments = propagate_scenario(s.at_states(poses_of(s, cells.north, cells.east)), method=method)
@@ -151,7 +150,7 @@ RCS = {
     "constant": {"model": "constant", "rcs_m2": 0.1},
     "table": {
         "model": "table",
-        "file": str(ROOT / "configs/synthetic_aircraft.csv"),
+        "file": str(CONFIGS / "synthetic_aircraft.csv"),
         "mirror": True,
     },
 }
@@ -188,7 +187,7 @@ def test_the_worst_heading_is_that_of_brute_force(rcs, attitude):
 
 def test_the_worst_heading_of_a_network_on_the_round_earth():
     """Radars whose lobes are at different headings; the heading is relative to each cell."""
-    s = rs.load_scenario(ROOT / "configs/corridor.yaml")
+    s = rs.load_scenario(CONFIGS / "corridor.yaml")
     assert s.origin is not None
     assert len(s.model.radars) > 1
 
@@ -224,15 +223,15 @@ def test_the_contour_may_be_beyond_a_blind_zone():
 def test_a_lobe_between_the_tens_of_degrees_of_elevation_is_found(tmp_path):
     """The lobe is one degree wide, at elevations from −6 to −4 deg: brute force over headings."""
     rows = [
-        f"{a},{e},{10 if abs(a - 37.5) < 0.6 and e in (-6, -5, -4) else -15}"
+        (a, e, 10 if abs(a - 37.5) < 0.6 and e in (-6, -5, -4) else -15)
         for e in range(-15, 16)
         for a in np.arange(-180, 180, 0.5)
     ]
-    (tmp_path / "rcs.csv").write_text("azimuth_deg,elevation_deg,rcs_dbsm\n" + "\n".join(rows))
+    (tmp_path / "rcs.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_dbsm", rows))
     content = document(aircraft__rcs={"model": "table", "file": "rcs.csv"})
     weak = {"radar__constant": 0.005, "radar__p_fa": 1e-6, "radar__detector": "swerling1"}
     content = document(content, geometry__down_km=-5, geometry__range_km=57, **weak)
-    (tmp_path / "map.yaml").write_text(dump_yaml(content))
+    (tmp_path / "map.yaml").write_text(yaml_text(content))
     s = rs.load_scenario(tmp_path / "map.yaml")
     cells = square(s, (-68e3, 4e3), side=4e3)
     found, _ = area.worst_p_d_in_cells(cells)
@@ -247,7 +246,7 @@ def test_a_lobe_between_the_tens_of_degrees_of_elevation_is_found(tmp_path):
 
 def test_the_route_has_its_own_probabilities():
     """At 820 s the nose is on the radar: P_D is 0.21, and 0.94 at the heading of the map."""
-    s = rs.load_scenario(ROOT / "configs/path.yaml")
+    s = rs.load_scenario(CONFIGS / "path.yaml")
     north, east = s.aircraft[:, 0] / 1e3, s.aircraft[:, 1] / 1e3
     result = coverage_map(s, step_km=40)
     np.testing.assert_array_equal(result.draw.keywords["route"], s.model.p_d(s.aircraft, s.radar))
@@ -348,10 +347,8 @@ def test_areas_are_of_cells_at_or_above_each_level():
 
 def test_cells_beyond_the_table_of_the_rcs_are_counted(tmp_path):
     """A cell counts once, whichever of the radars the aircraft sees beyond the table."""
-    (tmp_path / "rcs.csv").write_text(
-        "azimuth_deg,elevation_deg,rcs_m2\n"
-        + "".join(f"{a},-30,1\n{a},30,1\n" for a in (0, 90, 180, 270))
-    )
+    rows = [(azimuth, e, 1) for azimuth in (0, 90, 180, 270) for e in (-30, 30)]
+    (tmp_path / "rcs.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_m2", rows))
     given = document(geometry__down_km=-20)
     given["aircraft"]["rcs"] = {"model": "table", "file": str(tmp_path / "rcs.csv")}
     one = {**given.pop("radar"), "uncertainty": given["uncertainty"].pop("radar")}

@@ -3,11 +3,11 @@
 import contextlib
 import io
 import json
-from pathlib import Path
 
 import pytest
+from helpers import ROOT
 
-NOTEBOOKS = sorted((Path(__file__).parents[2] / "docs/notebooks").glob("*.ipynb"))
+NOTEBOOKS = sorted((ROOT / "docs/notebooks").glob("*.ipynb"))
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -4,16 +4,14 @@ import re
 import shlex
 import subprocess
 from functools import cache
-from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
-from helpers import few_judging_draws, some_poses, without_pixels
+from helpers import CONFIGS, ROOT, few_judging_draws, some_poses, without_pixels
 
 from radar_sense.cli import cli
 
-ROOT = Path(__file__).parents[2]
 PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
 #: Pages whose commands make the committed figures, or run elsewhere in the tests.
 PARSED_PAGES = {"commands.md", "benchmarks.md"}
@@ -63,7 +61,7 @@ def assert_shown(line, shown, printed):
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """An empty folder with the scenarios of the project in it, which is the current one."""
-    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    (tmp_path / "configs").symlink_to(CONFIGS)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -1,14 +1,12 @@
 """What stands twice about the project stands there alike: versions, minimum versions, links."""
 
 import re
-from pathlib import Path
 
 import pytest
 import yaml
+from helpers import ROOT
 
 import radar_sense as rs
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_the_version_is_the_same_everywhere():

@@ -2,10 +2,9 @@
 
 import importlib.util
 import re
-from pathlib import Path
 
 import pytest
-from helpers import few_draws, small_batches
+from helpers import ROOT, few_draws, small_batches
 
 import radar_sense as rs
 from radar_sense import cli
@@ -13,7 +12,6 @@ from radar_sense.limits import POSITIVE
 from radar_sense.scenario_file.declare import Key, keys_of, number
 from radar_sense.scenario_file.place import parse
 
-ROOT = Path(__file__).parents[2]
 _SPEC = importlib.util.spec_from_file_location("make_reference", ROOT / "docs/make_reference.py")
 make_reference = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(make_reference)

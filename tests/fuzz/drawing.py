@@ -21,7 +21,7 @@ import click
 import hypothesis
 import numpy as np
 import yaml
-from helpers import dump_yaml
+from helpers import yaml_text
 from hypothesis import strategies as st
 from hypothesis_jsonschema import from_schema
 
@@ -357,7 +357,7 @@ def checked(draw: Any, flights: Any = FLIGHTS) -> Case:
     """Return a case of `check` with a scenario from the schema."""
     document, files = draw(scenarios(flights))
     flow = draw(st.sampled_from((False, None, True)))
-    text = dump_yaml(document, default_flow_style=flow, allow_unicode=True)
+    text = yaml_text(document, default_flow_style=flow, allow_unicode=True)
     return Case({**files, CONFIG: text.encode()}, ("check", CONFIG))
 
 
@@ -413,7 +413,7 @@ def commands(draw: Any, names: tuple[str, ...], figures: bool = False) -> Case:
                     known = [item.value for item in option.shell_complete(context, "")]
                     value = st.sampled_from(known or words.get(option.name, WORDS))
                 args.append(draw(value | wrong))
-    text = dump_yaml(document, allow_unicode=True)
+    text = yaml_text(document, allow_unicode=True)
     by_place = ["analysis.seed", "1", "2", draw(st.sampled_from(("1", "2", "0", "-1", "x")))]
     has_places = any(option.name == "values" for option in options)
     return Case({**files, CONFIG: text.encode()}, (*args, CONFIG, *by_place * has_places))

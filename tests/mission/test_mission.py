@@ -18,6 +18,7 @@ from helpers import (
     without_pixels,
     write_path,
 )
+from routes import POSE_HEAD, UNCERTAIN
 
 import radar_sense as rs
 from radar_sense.errors import InputError
@@ -25,21 +26,8 @@ from radar_sense.mission.looks import Looks
 from radar_sense.propagation import propagate_scenario
 from radar_sense.words import probability
 
-HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
-STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
-#: Past the radar, with a yaw that goes through 180 degrees.
-ROUTE = f"""{HEADER}
-100,400e3,-200e3,-8000,0,0,80
-500,380e3,-100e3,-8000,2,0,170
-1000,350e3,0,-9000,0,1,-170
-1500,350e3,100e3,-9000,0,0,-120
-"""
-UNCERTAIN = f"""{HEADER},{STD}
-100,400e3,-200e3,-8000,0,0,80,10,20,30,1,2,3
-500,380e3,-100e3,-8000,2,0,170,100,20,30,1,0,3
-1000,350e3,0,-9000,0,1,-170,1000,20,30,1,2,0.1
-1500,350e3,100e3,-9000,0,0,-120,0,0,0,0,0,0
-"""
+#: Without errors of the poses.
+ROUTE = "\n".join(",".join(row.split(",")[:7]) for row in UNCERTAIN.splitlines())
 
 
 @pytest.fixture(autouse=True)
@@ -127,7 +115,7 @@ def test_a_scan_longer_than_the_path_is_one_look(tmp_path):
 
 def test_refusals(tmp_path):
     s = load(tmp_path)
-    over = f"{HEADER}\n0,1000,0,0,0,0,180\n20,-1000,0,0,0,0,180\n"
+    over = f"{POSE_HEAD}\n0,1000,0,0,0,0,180\n20,-1000,0,0,0,0,180\n"
     for words, of, options in (
         ("needs times, which only a path has", scenario(radar__scan_period_s=3), {}),
         ("m must be a whole number", s, {"m_of_n": (0, 3)}),
@@ -145,18 +133,6 @@ def test_refusals(tmp_path):
             mission(of, **options)
         assert words in str(error.value)
         assert "\n" not in str(error.value)
-
-
-def test_correlation_time_is_used(tmp_path):
-    sigma = [
-        mission(
-            load(tmp_path, radar__scan_period_s=20, uncertainty__aircraft_correlation_s=tau,
-                 radar__constant=14, uncertainty__radar={"one": {"position_m": 0, "constant": 0}},
-                 analysis={"level": "one"})
-        ).table["sigma_cumulative"][30]
-        for tau in (0, 100, math.inf)
-    ]  # fmt: skip
-    assert sigma[0] < 0.8 * sigma[1] < 0.8 * sigma[2]
 
 
 @pytest.mark.parametrize("options", ["", "--m 2 --n 3 --runs 50"])
@@ -271,7 +247,7 @@ def test_constants_set_to_zero_are_warned_of(tool):
 
 def test_a_flight_straight_above_a_radar_has_bounds(tool):
     """There the gradient of P_D is undefined, and draws take none."""
-    over = f"{HEADER}\n0,1000,0,-9e4,0,0,0\n10,0,0,-9e4,0,0,0\n20,-1000,0,-9e4,0,0,0\n"
+    over = f"{POSE_HEAD}\n0,1000,0,-9e4,0,0,0\n10,0,0,-9e4,0,0,0\n20,-1000,0,-9e4,0,0,0\n"
     assert tool("mission", write(Path(), over, radar__scan_period_s=10), "--no-plot").err == ""
     found = read_table("figures/flight_mission.csv")
     assert all(np.isfinite(column).all() for column in found.values())

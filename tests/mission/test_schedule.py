@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
+    CONFIGS,
     cov_by_level,
-    document,
     few_draws,
     lay_out,
     legend_off_data,
     mission,
     one_line,
     p_d_each,
+    write_path,
 )
+from routes import POSE_HEAD, STD
 
 import radar_sense as rs
 from radar_sense.mission import tracks
@@ -27,11 +29,9 @@ from radar_sense.mission.looks import Looks
 from radar_sense.model import geodesy as wgs84
 from radar_sense.words import probability
 
-CONFIGS = Path(__file__).parents[2] / "configs"
-HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
-STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
+HEADER = ",".join([POSE_HEAD, *STD])
 #: Straight and level at one heading: a pose between two is their weighted mean.
-ROUTE = f"""{HEADER},{STD}
+ROUTE = f"""{HEADER}
 10,200e3,-40e3,-8000,5,2,70,300,400,50,0.5,0.5,0.5
 50,200e3,0,-8000,5,2,70,500,400,50,0.5,0.5,1
 82,190e3,30e3,-8000,5,2,70,800,900,50,0.5,0.5,2
@@ -68,17 +68,13 @@ def _few_draws(monkeypatch):
 
 
 def write(folder, periods, tau=0.0, route=ROUTE, **changes):
-    (folder / "route.csv").write_text(route)
-    content = document(
-        geometry={"type": "path", "file": "route.csv"}, name="flight", analysis={"level": "one"}
-    )
-    del content["aircraft"]["attitude_deg"], content["radar"]
-    content["uncertainty"] = {"aircraft_correlation_s": tau}
-    content["radars"] = [radar(*one) for one in periods.items()]
-    content.update(changes)
-    file = folder / "my.yaml"
-    file.write_text(yaml.safe_dump(content, sort_keys=False))
-    return file
+    given = {
+        "name": "flight",
+        "radars": [radar(*one) for one in periods.items()],
+        "uncertainty": {"aircraft_correlation_s": tau},
+        "analysis": {"level": "one"},
+    }
+    return write_path(folder, route, "my.yaml", **{**given, **changes})
 
 
 def load(folder, *args, **options):
@@ -263,7 +259,7 @@ def test_a_network_of_one_is_the_single_radar(tmp_path):
 def test_times_that_differ_by_rounding_are_one(tmp_path):
     assert 3 * 0.1 != 0.3
     periods = {"far": 0.1, "hill": 0.3, "near": 0.2}
-    route = f"{HEADER},{STD}\n" + "".join(
+    route = f"{HEADER}\n" + "".join(
         f"{t},200e3,{100 * t},-8000,0,0,90,100,100,50,1,1,1\n" for t in (0, 0.3, 1.2)
     )
     looks = Looks.of(load(tmp_path, periods, route=route)).scenario

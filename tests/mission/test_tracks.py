@@ -60,13 +60,6 @@ def test_the_probability_of_a_detection_in_both_tails():
     np.testing.assert_array_equal(found[1:], [[1, 0], [1, 1]])
 
 
-def test_one_of_n_is_a_detection():
-    p_d = np.random.default_rng(2).uniform(0, 0.3, (30, 4))
-    for n in (1, 4):
-        detection, track = events([p_d], 1, n)
-        np.testing.assert_allclose(track, detection, rtol=1e-13)
-
-
 @pytest.mark.parametrize(
     ("m", "n"), [(1, 1), (1, 3), (2, 2), (2, 3), (3, 5), (4, 4), (2, 9), (5, 12)]
 )

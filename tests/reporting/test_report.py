@@ -20,6 +20,8 @@ import pytest
 import yaml
 from helpers import (
     OVERHEAD,
+    ROOT,
+    csv_text,
     document,
     few_draws,
     few_judging_draws,
@@ -27,13 +29,13 @@ from helpers import (
     without_pixels,
     yaml_text,
 )
+from routes import HEAD
 
 import radar_sense as rs
 from radar_sense import files, plotting
 from radar_sense import page as page_module
 from radar_sense.scenario_file.load import parse_scenario
 
-ROOT = Path(__file__).parents[2]
 #: The module; `analyses.report` is the command.
 command = import_module("radar_sense.analyses.report")
 VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -122,8 +124,7 @@ class Tree(HTMLParser):
 
 def write_flight(folder: Path) -> Path:
     rows = [(t, 250e3 - 250 * t, -160e3 + 100 * t, -9000) for t in range(0, 601, 60)]
-    lines = ["time_s,north_m,east_m,down_m", *(",".join(map(str, row)) for row in rows)]
-    (folder / ROUTE).write_text("\n".join(lines), encoding="utf-8")
+    (folder / ROUTE).write_text(csv_text(HEAD, rows), encoding="utf-8")
     (folder / "flight.yaml").write_text(FLIGHT, encoding="utf-8")
     return folder / "flight.yaml"
 

@@ -1,19 +1,17 @@
 """Values by path of keys in place of those of the file."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from helpers import TRACKING, assert_same_scenario, document, dump_yaml
+from helpers import CONFIGS, TRACKING, assert_same_scenario, document, yaml_text
 from scenario_file.refused import refused
 
 import radar_sense as rs
 from radar_sense.scenario import for_radar
 from radar_sense.scenario_file.load import parse_scenario
 
-CONFIGS = Path(__file__).parents[2] / "configs"
 NETWORK = CONFIGS / "network.yaml"
 
 
@@ -40,7 +38,7 @@ def assert_same(found, expected):
     ],
 )
 def test_a_change_is_the_file_with_another_value(key, value):
-    expected = parse_scenario(dump_yaml(document(**{key.replace(".", "__"): value})), "paper.yaml")
+    expected = parse_scenario(yaml_text(document(**{key.replace(".", "__"): value})), "paper.yaml")
     assert_same(rs.load_scenario(changes={key: value}), expected)
     assert_same(rs.load_scenario(changes={key: json.dumps(value)}), expected)
     assert_same(rs.load_scenario().with_keys({key: value}), expected)

@@ -7,11 +7,11 @@ import pickle
 import re
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from helpers import CONFIGS, ROOT
 from scenario_file.refused import refused
 
 import radar_sense as rs
@@ -34,8 +34,6 @@ from radar_sense.scenario_file.declare import (
 )
 from radar_sense.scenario_file.load import default_text
 from radar_sense.scenario_file.place import parse
-
-ROOT = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,10 +282,10 @@ def test_every_number_refuses_what_is_beyond_its_limit():
     assert tried > 150
 
 
-CONFIGS = [*sorted(ROOT.glob("configs/*.yaml")), *sorted(ROOT.glob("radar_sense/templates/*.yaml"))]
+SCENARIOS = [*sorted(CONFIGS.glob("*.yaml")), *sorted(ROOT.glob("radar_sense/templates/*.yaml"))]
 
 
-@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("config", SCENARIOS, ids=lambda path: path.stem)
 def test_files_are_written_as_they_are_read(config):
     file = read(parse(config.read_text(), config.name), sections.File)
     again = read(parse(yaml.safe_dump(write(file)), "again.yaml"), sections.File)

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import document, dump_yaml
+from helpers import document, yaml_text
 from numpy.testing import assert_allclose
 from scenario_file.refused import refused
+from scipy.constants import Boltzmann
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
@@ -17,7 +18,6 @@ from radar_sense.model.radar_constant import Tolerance
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
 
-BOLTZMANN = 1.380649e-23
 TOLERANCES = {
     "gain_dbi": {"half_width": 1},
     "losses_db": {"line": {"half_width": 0.5}},
@@ -44,7 +44,7 @@ def scenario(tolerances=TOLERANCES):
         uncertainty__radar={"medium": level},
         analysis={"level": "medium", "runs": 20_000},
     )
-    return parse_scenario(dump_yaml(content))
+    return parse_scenario(yaml_text(content))
 
 
 def decibels_below(x):
@@ -61,7 +61,7 @@ def quantile(probability):
 def p_d_at(s, decibels):
     """P_D of Swerling 1 with so many decibels more of c_r."""
     distance = np.hypot(1e3 * s.axis.values, 3000)
-    snr = s.radar[3] * 10 ** (decibels / 10) / (BOLTZMANN * distance**4)
+    snr = s.radar[3] * 10 ** (decibels / 10) / (Boltzmann * distance**4)
     return 1e-6 ** (1 / (1 + snr))
 
 

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from helpers import dump_yaml, few_draws, single, with_arrays
-from routes import STD, geodetic, load, ned
+from helpers import csv_text, few_draws, single, with_arrays, write_path
+from routes import GEO, STD, geodetic, load, ned
 from scenario_file.earth import DEG, height_of, sees, to_ned
 
 import radar_sense as rs
@@ -23,26 +23,22 @@ from radar_sense.propagation import propagate_scenario
 
 def written(folder, radars, rows, origin, *, stds="", interpolate=None, **uncertainty):
     """Load a scenario with these radars, (latitude, longitude, altitude) each, and route rows."""
-    header = "time_s,latitude_deg,longitude_deg,altitude_m" + stds
-    lines = [header, *(",".join(repr(float(x)) for x in row) for row in rows)]
-    (folder / "route.csv").write_text("\n".join(lines))
     keys = ("latitude_deg", "longitude_deg", "altitude_m")
     radar = {"constant": 1.0, "p_fa": 1e-6, "horizon": True, "scan_period_s": 20}
     radar["uncertainty"] = {"a": {"position_m": [3000, 900, 30], "constant": 0.1}}
     place, *places = (dict(zip(keys, map(float, at), strict=True)) for at in (origin, *radars))
     geometry = {"type": "path", "file": "route.csv", "origin": place}
-    content = {
-        "name": "moved",
-        "radars": [
-            {"name": f"r{i}", "position_geodetic": at, **radar} for i, at in enumerate(places)
-        ],
-        "aircraft": {"rcs": {"model": "ellipsoid_exact", "x_m": 0.3, "y_m": 0.25, "z_m": 0.1}},
-        "geometry": geometry | ({"interpolate": interpolate} if interpolate else {}),
-        "uncertainty": uncertainty,
-        "analysis": {"level": "a", "runs": 50, "seed": 1},
-    }
-    (folder / "moved.yaml").write_text(dump_yaml(content))
-    return rs.load_scenario(folder / "moved.yaml")
+    file = write_path(
+        folder,
+        csv_text(GEO + stds, rows),
+        name="moved",
+        radars=[{"name": f"r{i}", "position_geodetic": at, **radar} for i, at in enumerate(places)],
+        aircraft={"rcs": {"model": "ellipsoid_exact", "x_m": 0.3, "y_m": 0.25, "z_m": 0.1}},
+        geometry=geometry | ({"interpolate": interpolate} if interpolate else {}),
+        uncertainty=uncertainty,
+        analysis={"level": "a", "runs": 50, "seed": 1},
+    )
+    return rs.load_scenario(file)
 
 
 AIRCRAFT = {"position_m": [900, 300, 50], "attitude_deg": [1.0, 2.0, 4.0]}
@@ -255,8 +251,7 @@ def test_two_waypoints_fly_over_the_earth(tmp_path, method):
 
 
 @pytest.mark.parametrize("origin", [None, (40.0, -105.0, 1600.0)])
-def test_a_smooth_altitude_stays_between_its_neighbours(origin, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_smooth_altitude_stays_between_its_neighbours(origin, here):
     rng = np.random.default_rng(7)
     for altitudes in (
         [1000, 9000, 9000, 9000, 2000],
@@ -281,13 +276,12 @@ def test_a_smooth_altitude_stays_between_its_neighbours(origin, tmp_path, monkey
             assert low - 1e-5 <= (height_of(point, origin) if origin else -point[2]) <= high + 1e-5
 
 
-def test_a_smooth_altitude_follows_a_wave_that_the_samples_show(tmp_path, monkeypatch):
+def test_a_smooth_altitude_follows_a_wave_that_the_samples_show(here):
     """A phugoid of 100 m and 60 s, every 3 s: its tops are higher than the samples."""
 
     def wave(time):
         return 5000 + 100 * np.sin(2 * np.pi * time / 60)
 
-    monkeypatch.chdir(tmp_path)
     time, origin = np.arange(1.0, 241.0, 3.0), (0.0, 0.0, 0.0)
     place = np.stack([0.002 * DEG * time, 0 * time, wave(time)], axis=1)
     found = resample(load(geodetic(time, place), origin=origin), 0.5, "smooth")

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 import routes
 import yaml
-from helpers import PAPER, cov_by_level, document, stds_of, with_arrays, without_pixels, write_path
+from helpers import (
+    CONFIGS,
+    PAPER,
+    cov_by_level,
+    document,
+    stds_of,
+    with_arrays,
+    without_pixels,
+    write_path,
+)
 from routes import HEAD, triangle
 from scenario_file.earth import to_ned
 from scenario_file.refused import refused
 
 import radar_sense as rs
-from radar_sense import analyses, axis, covariance, states
+from radar_sense import analyses, axis
 from radar_sense.accuracy import only_at, required_accuracies
 from radar_sense.analyses.rcs import rcs
 from radar_sense.model.detection_model import DetectionModel
@@ -28,9 +36,8 @@ from radar_sense.words import describe_poses, peak
 
 pytestmark = pytest.mark.usefixtures("quick")
 
-ROOT = Path(__file__).parents[2]
 STD = ",".join(routes.STD)
-TABLE = {"model": "table", "file": str(ROOT / "configs/synthetic_aircraft.csv"), "mirror": True}
+TABLE = {"model": "table", "file": str(CONFIGS / "synthetic_aircraft.csv"), "mirror": True}
 #: Three legs past the radar, with a climb and two turns.
 ROUTE = f"""{HEAD}
 0,400e3,-200e3,-8000
@@ -124,21 +131,6 @@ def test_every_pose_has_its_own_covariance(tmp_path, text):
     stds = [propagate_scenario(single_pose(s, pose)).std[0] for pose in (0, 1, 2)]
     swapped = with_arrays(s, cov_aircraft=s.cov_aircraft[::-1])
     assert abs(propagate_scenario(swapped).std[:3] / stds - 1).max() > 1e-3
-
-
-def test_square_roots_do_not_depend_on_the_block_size(monkeypatch):
-    rng = np.random.default_rng(1)
-    root = rng.standard_normal((7, 6, 6))
-    matrices = root @ np.swapaxes(root, -1, -2)
-    matrices[2] = np.diag(np.arange(6.0))
-    whole = covariance.square_root(matrices)
-    assert whole @ np.swapaxes(whole, -1, -2) == pytest.approx(matrices, abs=1e-12)
-    assert (whole[2] == np.diag(np.sqrt(np.arange(6.0)))).all()
-    monkeypatch.setattr(states, "BLOCK", 3)
-    assert (covariance.square_root(matrices) == whole).all()
-    first = covariance.component_first(whole)
-    assert (first == whole).all()
-    assert first[:, 2, 3].flags.c_contiguous
 
 
 def test_monte_carlo_agrees_with_propagation_at_every_pose(tmp_path):
@@ -435,7 +427,7 @@ def test_every_analysis_takes_a_path(tool, tmp_path, monkeypatch, name):
 
 
 def test_the_numbers_of_the_path_example():
-    s = rs.load_scenario(ROOT / "configs/path.yaml")
+    s = rs.load_scenario(CONFIGS / "path.yaml")
     result = analyses.budget(s)
     time, total = result.table["time_s"], result.table["three_sigma_total"]
     assert result.summary["largest_three_sigma_total"]["time_s"] == [768]

@@ -1,21 +1,20 @@
 """A line of ranges: `geometry: {type: radial}`, against arithmetic of its own."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import document, dump_yaml, read_table
+from helpers import CONFIGS, document, read_table, yaml_text
 from numpy.testing import assert_allclose
 from routes import GEO, HEAD
 from scenario_file.refused import refused
+from scipy.constants import Boltzmann
 
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.scenario_file.load import parse_scenario
 
-BOLTZMANN = 1.380649e-23
-CONFIG = Path(__file__).parents[2] / "configs/radial.yaml"
+CONFIG = CONFIGS / "radial.yaml"
 
 
 def radial(changes=(), **geometry):
@@ -31,12 +30,12 @@ def radial(changes=(), **geometry):
         analysis={"level": "medium"},
     )
     paths = {path.replace(".", "__"): value for path, value in dict(changes).items()}
-    return parse_scenario(dump_yaml(document(content, **paths)))
+    return parse_scenario(yaml_text(document(content, **paths)))
 
 
 def swerling(ranges_m, constant=100, rcs=0.1, p_fa=1e-6):
     """P_D of Swerling 1 by hand: P_fa^(1/(1 + S)), S = c_r sigma/(k R^4)."""
-    snr = constant * rcs / (BOLTZMANN * ranges_m**4)
+    snr = constant * rcs / (Boltzmann * ranges_m**4)
     return p_fa ** (1 / (1 + snr)), snr
 
 

@@ -19,12 +19,6 @@ def full(step=30, start=-180, stop=180, value="0.5"):
     return [f"{a},{value}" for a in range(start, stop, step)]
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def test_units_order_and_comments(here):
     rng = np.random.default_rng(13)
     azimuth, elevation = range(-180, 180, 20), range(-30, 60, 15)

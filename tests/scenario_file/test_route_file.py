@@ -36,9 +36,7 @@ G = 9.80665
 SIMPLE = f"{HEAD}\n0,0,0,-1000\n1,100,0,-1000\n2,200,0,-1000\n"
 
 
-@pytest.fixture(autouse=True)
-def in_its_own_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("here")
 
 
 # The content of a file.

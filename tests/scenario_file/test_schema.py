@@ -1,13 +1,12 @@
 """The JSON Schema of scenario files agrees with the reader."""
 
 import dataclasses
-from pathlib import Path
 
 import jsonschema
 import pytest
 import yaml
 from editor import SCHEMA, VALIDATOR, as_editor, judged
-from helpers import PAPER, SURVEILLANCE, document
+from helpers import CONFIGS, PAPER, ROOT, SURVEILLANCE, document
 
 from radar_sense.limits import POSITIVE, parameter
 from radar_sense.model.detectors import DETECTORS
@@ -15,10 +14,9 @@ from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.scenario_file.declare import keys_of, schema, sections
 from radar_sense.scenario_file.sections import File, schema_text
 
-ROOT = Path(__file__).parents[2]
-CONFIGS = [*sorted(ROOT.glob("configs/*.yaml")), *sorted(ROOT.glob("radar_sense/**/*.yaml"))]
+SCENARIOS = [*sorted(CONFIGS.glob("*.yaml")), *sorted(ROOT.glob("radar_sense/**/*.yaml"))]
 
-NETWORK = as_editor((ROOT / "configs/network.yaml").read_text(encoding="utf-8"))
+NETWORK = as_editor((CONFIGS / "network.yaml").read_text(encoding="utf-8"))
 #: A radar with a data sheet that lacks its losses.
 SHEET = {
     **{key: value for key, value in PAPER["radar"].items() if key != "constant"},
@@ -26,7 +24,7 @@ SHEET = {
 }
 
 
-@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: f"{path.parent.name}-{path.stem}")
+@pytest.mark.parametrize("config", SCENARIOS, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_the_schema_accepts_the_files_of_the_project(config):
     value = as_editor(config.read_text(encoding="utf-8"))
     assert [error.message for error in VALIDATOR.iter_errors(value)] == []

@@ -22,8 +22,7 @@ LOADERS = {"route": (load_route, ROUTE), "table": (rs.load_rcs_table, TABLE)}
 
 
 @pytest.fixture(params=LOADERS)
-def kind(request, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def kind(request, here):
     return LOADERS[request.param]
 
 
@@ -104,8 +103,7 @@ NO_GUESS = {
 
 
 @pytest.mark.parametrize("text", NO_GUESS)
-def test_a_comma_is_never_guessed(text, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_comma_is_never_guessed(text, here):
     Path("a.csv").write_text(text)
     with refused(f"a.csv:{NO_GUESS[text].replace('LIMIT', LIMIT)}"):
         rs.load_rcs_table("a.csv")

@@ -62,9 +62,7 @@ def csv(points=POINTS, extra="", values=("", "", "", "")):
 
 
 @pytest.fixture
-def load(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
+def load(here):
     def load(name, text, origin=ORIGIN, **options):
         Path(name).write_text(text)
         return load_route(name, origin=origin, **options)
@@ -213,8 +211,7 @@ def test_refused_in_one_line(load, case):
         load(name, text, **({"origin": None} if "north_m" in text else {}) | options)
 
 
-def test_a_scenario_and_its_record_read_the_same_route(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_scenario_and_its_record_read_the_same_route(here):
     origin = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 400}
     files = {
         "a.gpx": (gpx(), {"geoid_height_m": 47.5}),
@@ -227,7 +224,7 @@ def test_a_scenario_and_its_record_read_the_same_route(tmp_path, monkeypatch):
     for name, (text, conventions) in files.items():
         Path(name).write_text(text)
         keys = {"type": "path", "file": name, "origin": origin, **conventions}
-        scenario = rs.load_scenario(write_path(tmp_path, NED, geometry=keys))
+        scenario = rs.load_scenario(write_path(here, NED, geometry=keys))
         block = scenario.resolved()["geometry"]
         assert block.items() >= conventions.items()
         assert block["sha256"] == hashlib.sha256(text.encode()).hexdigest()
