@@ -10,23 +10,16 @@ from pathlib import Path
 
 import matplotlib as mpl
 import pytest
+from helpers import document, yaml_text
 
-TINY = """\
-name: tiny
-radar: {position_m: [0, 0, 0], constant: 167, p_fa: 1.7e-4}
-aircraft:
-  rcs: {model: ellipsoid, a_m: 0.15, b_m: 0.13, c_m: 0.21}
-  attitude_deg: [0, 0, 90]
-geometry:
-  type: orbit
-  range_km: 500
-  down_km: -3
-  azimuth_deg: {start: 0, stop: 90, step: 30}
-uncertainty:
-  aircraft: {position_m: 10, attitude_deg: 1}
-  radar: {low: {position_m: 10, constant: 1}}
-analysis: {level: low, runs: 20}
-"""
+TINY = yaml_text(
+    document(
+        name="tiny",
+        geometry__azimuth_deg={"start": 0, "stop": 90, "step": 30},
+        uncertainty__radar={"low": {"position_m": 10, "constant": 1}},
+        analysis={"level": "low", "runs": 20},
+    )
+)
 
 
 def process(folder: Path, *args: str, shell: str = "", variables: str = ""):

@@ -13,7 +13,7 @@ from scipy.stats import norm
 import radar_sense as rs
 from radar_sense import accuracy as module
 from radar_sense import analyses
-from radar_sense.accuracy import only_at, required_accuracies
+from radar_sense.accuracy import required_accuracies
 from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
@@ -118,16 +118,6 @@ def test_a_small_contribution_has_one_digit_in_the_report():
     s = scenario(uncertainty__aircraft={"position_m": 1, "attitude_deg": 1})
     rows = [line.split() for line in analyses.budget(s).report]
     assert ["aircraft_position", "2e-05", "0.0%"] in rows
-
-
-def test_required_accuracies_at_one_pose():
-    s = load_scenario()
-    alone = {source: 9 * std[20] ** 2 for source, std in stds_of(error_budget(s).sources).items()}
-    found = required_accuracies(only_at(s, 10.0), 0.05)
-    assert found["all"].factor == pytest.approx(0.05 / np.sqrt(sum(alone.values())), rel=1e-6)
-    assert all(f.place == 10 for f in found.values())
-    with pytest.raises(InputError, match=r"no pose at 10\.1 deg, .* at 10 deg"):
-        only_at(s, 10.1)
 
 
 @pytest.mark.parametrize(("width", "factor"), [(1.0, 10 - np.sqrt(2 * np.log(2))), (1e-3, 10.0)])

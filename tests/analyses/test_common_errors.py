@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
+    csv_text,
     document,
     place,
     refusal,
@@ -18,7 +19,9 @@ from helpers import (
     with_arrays,
     yaml_text,
 )
+from mission.plain import PlainMissions
 from numpy.testing import assert_allclose, assert_array_equal
+from routes import POSE_HEAD
 from scipy.constants import Boltzmann
 from scipy.stats import norm
 from studies.bands import cases, truth
@@ -214,9 +217,9 @@ def test_the_budget_of_a_network_has_the_attenuation_of_each_radar(rcs_db):
 def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypatch, names, periods):
     """A flight past radars with one period, or with several periods in turn."""
     monkeypatch.setattr("radar_sense.mission.recombined.MAX_DRAWS", 2048)
-    rows = ["0,60e3,-40e3", "60,55e3,0", "120,60e3,40e3"]
-    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
-    (tmp_path / "route.csv").write_text("\n".join([header, *(f"{r},-6e3,0,0,90" for r in rows)]))
+    places = [(0, 60e3, -40e3), (60, 55e3, 0), (120, 60e3, 40e3)]
+    route = csv_text(POSE_HEAD, [(*place, -6e3, 0, 0, 90) for place in places])
+    (tmp_path / "route.csv").write_text(route)
     content = network(names, DECIBELS, geometry={"type": "path", "file": "route.csv"})
     content["uncertainty"]["aircraft_correlation_s"] = ".inf"
     del content["aircraft"]["attitude_deg"]
@@ -224,16 +227,8 @@ def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypat
         radar["scan_period_s"] = period
     (tmp_path / "s.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     s = rs.load_scenario(tmp_path / "s.yaml")
-    oracle = Oracle(cases.of_document(content, NORTH))
-    aircraft, radars, rcs_error, _ = oracle.draw(np.random.default_rng(1), 60_000)
-    missed = 1.0
-    for i, radar in enumerate(content["radars"]):
-        alone = Oracle(cases.of_document({**content, "radars": [radar]}, NORTH))
-        for t in range(0, 121, radar["scan_period_s"]):
-            moved = [np.interp(t, [0, 60, 120], v) for v in ([0, -5e3, 0], [-40e3, 0, 40e3])]
-            pose = aircraft + np.array([*moved, 0, 0, 0, 0])[:, np.newaxis]
-            missed = missed * (1 - alone.p_d(pose, radars[4 * i : 4 * i + 4], rcs_error))
-    every = 1 - missed
+    plain = PlainMissions(content, route, 60_000, 1)
+    every = plain.events(1, 1)[0][-1]
     std, ends = every.std(), np.quantile(every, TAILS)
     found = recombined_missions(Looks.of(s), (2, 3))
     assert len(found) == (1 if len(names) == 1 else 4)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import document, mission, with_arrays, yaml_text
+from mission.plain import PlainMissions
 from scipy.special import ndtr
 from studies.bands import cases
-from studies.bands.model import Oracle
 
 import radar_sense as rs
 from radar_sense.mission import recombined
@@ -70,54 +69,6 @@ def load(folder, *args, **options):
     return rs.load_scenario(folder / "my.yaml")
 
 
-def look_times(names, every=None):
-    return sorted({t for name in names for t in range(0, 121, every or RADARS[name][2])})
-
-
-def plain_missions(names, tau, m, n, runs, seed, pose=800, every=None, weaker=1.0):
-    """P_c and T by each time (K, runs) of drawn missions, with no code of the package."""
-    rng = np.random.default_rng(seed)
-    content = mission_document(names, tau, pose, every=every, weaker=weaker)
-    problem = cases.of_document(content, np.zeros(6))
-    _, radars, *_ = Oracle(problem).draw(rng, runs)
-    periods = {name: every or RADARS[name][2] for name in names}
-    times = look_times(names, every)
-    error, poses, last = rng.standard_normal((3, runs)), {}, None
-    for t in times:
-        if last is not None:
-            rho = 1.0 if math.isinf(tau) else 0.0 if tau == 0 else math.exp(-(t - last) / tau)
-            error = rho * error + math.sqrt(1 - rho * rho) * rng.standard_normal((3, runs))
-        nominal = [np.interp(t, [0, 60, 120], v)
-                   for v in ([60e3, 55e3, 60e3], [-40e3, 0, 40e3], [-6e3] * 3)]  # fmt: skip
-        poses[t] = np.vstack([np.array(nominal)[:, None] + pose * error, np.zeros((3, runs))])
-        last = t
-    p_d = {}
-    for i, name in enumerate(names):
-        alone, own = Oracle(replace(problem, radars=problem.radars[i : i + 1])), 4 * i
-        for t in (t for t in times if t % periods[name] == 0):
-            p_d[name, t] = alone.p_d(poses[t], radars[own : own + 4])
-    missed = np.cumprod(
-        [np.prod([1 - p_d[i, t] for i in names if (i, t) in p_d], axis=0) for t in times], axis=0
-    )
-    untracked = np.ones((len(times), runs))
-    for period in set(periods.values()):
-        group = [name for name in names if periods[name] == period]
-        chance = {(): np.ones(runs)}  # of the outcomes of the last n − 1 looks, with no track yet
-        for k, t in enumerate(times):
-            if t % period == 0:
-                p = 1 - np.prod([1 - p_d[name, t] for name in group], axis=0)
-                later = {}
-                for history, value in chance.items():
-                    for hit in (0, 1):
-                        window = (*history, hit)[-n:]
-                        if sum(window) < m:
-                            key = window[-(n - 1) :]
-                            later[key] = later.get(key, 0) + value * (p if hit else 1 - p)
-                chance = later
-            untracked[k] *= sum(chance.values())
-    return 1 - missed, 1 - untracked
-
-
 def drawn_interval(rows, level, errors=3):
     """Interval of the quantile of rows (K, runs), of some standard errors of the rank."""
     rows, rank = np.sort(rows, axis=1), level * rows.shape[1]
@@ -144,10 +95,10 @@ def test_bounds_are_those_of_plain_missions(tmp_path, monkeypatch, names, tau, p
     assert len(found) == (1 if len(names) == 1 else 1 + len(names))
     sources = [names] + ([[name] for name in names] if len(names) > 1 else [])
     for some, events in zip(sources, found, strict=True):
-        own = np.searchsorted(looks.schedule.time, look_times(some, changes.get("every")))
-        for event, drawn in zip(
-            events, plain_missions(some, tau, 2, 3, 30_000, 1, pose, **changes), strict=True
-        ):
+        content = mission_document(some, tau, pose, **changes)
+        plain = PlainMissions(content, ROUTE, 30_000, 1)
+        own = np.searchsorted(looks.schedule.time, plain.times)
+        for event, drawn in zip(events, plain.events(2, 3), strict=True):
             mean, std = drawn.mean(axis=1), drawn.std(axis=1)
             error = np.hypot(event.mean_se[own], std / math.sqrt(30_000))
             assert np.all(abs(event.mean[own] - mean) <= 5 * error)

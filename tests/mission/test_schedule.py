@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import runpy
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +22,10 @@ from helpers import (
     p_d_each,
     write_path,
 )
+from mission.plain import PlainMissions
 from routes import POSE_HEAD, STD
 
 import radar_sense as rs
-from radar_sense.mission import tracks
 from radar_sense.mission.looks import Looks
 from radar_sense.model import geodesy as wgs84
 from radar_sense.words import probability
@@ -36,11 +37,6 @@ ROUTE = f"""{HEADER}
 50,200e3,0,-8000,5,2,70,500,400,50,0.5,0.5,1
 82,190e3,30e3,-8000,5,2,70,800,900,50,0.5,0.5,2
 """
-TIME = np.array([10.0, 50.0, 82.0])
-PLACE = np.array([[200e3, -40e3, -8000], [200e3, 0, -8000], [190e3, 30e3, -8000]])
-SIGMA = np.array([[300, 400, 50, 0.5, 0.5, 0.5], [500, 400, 50, 0.5, 0.5, 1],
-                  [800, 900, 50, 0.5, 0.5, 2]])  # fmt: skip
-
 #: Place, c_r, P_fa, detector and limits; σ of the place and of c_r.
 KINDS = {
     "far": ([0, 0, -30], 1.9, 1e-6, "north", {}, 400, 0.1),
@@ -49,7 +45,6 @@ KINDS = {
     "open": ([120e3, 10e3, -20], 0.03, 1e-4, "swerling1", {}, 900, 0.002),
     "blind": ([900e3, 0, -20], 9.0, 1e-5, "marcum", {"max_range_km": 50}, 300, 2),
 }
-DETECTORS = {"north": rs.North(), "swerling1": rs.Swerling1(), "marcum": rs.Marcum()}
 
 
 def radar(name, period):
@@ -81,84 +76,9 @@ def load(folder, *args, **options):
     return rs.load_scenario(write(folder, *args, **options))
 
 
-class Brute:
-    """All looks of all radars as pairs (time, radar), with their properties."""
-
-    def __init__(self, periods, tau):
-        self.names = list(periods)
-        self.periods = list(periods.values())
-        self.times = sorted({10.0 + k * p for p in self.periods for k in range(int(72 / p) + 1)})
-        self.looks = [
-            (t, i) for t in self.times for i, p in enumerate(self.periods)
-            if ((t - 10.0) / p).is_integer()
-        ]  # fmt: skip
-        at = np.array(self.times)
-        self.poses = np.column_stack(
-            [*(np.interp(at, TIME, PLACE[:, i]) for i in range(3)),
-             *(np.full(len(at), math.radians(v)) for v in (5, 2, 70))]
-        )  # fmt: skip
-        # the covariance is interpolated, not σ
-        self.sigma = np.sqrt(
-            np.column_stack([np.interp(at, TIME, SIGMA[:, i] ** 2) for i in range(6)])
-        ) * [1, 1, 1, *[math.pi / 180] * 3]
-        apart = abs(at[:, None] - at)
-        self.rho = np.exp(-apart / tau) if tau else np.eye(len(at))
-        self.states = np.array([[*KINDS[n][0], KINDS[n][1]] for n in self.names], dtype=float)
-        self.std = np.array([[KINDS[n][5]] * 3 + [KINDS[n][6]] for n in self.names], dtype=float)
-
-    def model(self, i):
-        _, _, p_fa, detector, _, _, _ = KINDS[self.names[i]]
-        return rs.DetectionModel(
-            rcs=rs.EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=p_fa, detector=DETECTORS[detector]
-        )
-
-    def sees(self, i, aircraft, state):
-        limits = KINDS[self.names[i]][4]
-        line = np.sqrt(np.sum((aircraft[..., :3] - state[..., :3]) ** 2, axis=-1))
-        seen = line <= limits.get("max_range_km", math.inf) * 1e3
-        if "horizon" in limits:
-            heights = (np.maximum(-s[..., 2], 0) for s in (aircraft, state))
-            seen = seen & (line <= sum(np.sqrt(2 * 4 / 3 * 6371e3 * h) for h in heights))
-        return seen
-
-    def p_d(self, aircraft, states):
-        """P_D (..., L) of every look for poses (..., K, 6) and radars (..., m, 4)."""
-        found = []
-        for t, i in self.looks:
-            pose, state = aircraft[..., self.times.index(t), :], states[..., i, :]
-            found.append(np.where(self.sees(i, pose, state), self.model(i).p_d(pose, state), 0.0))
-        return np.stack(found, axis=-1)
-
-    def by_time(self, values):
-        """The latest of values (..., L) by each time (..., K)."""
-        last = [max(j for j, look in enumerate(self.looks) if look[0] == t) for t in self.times]
-        return values[..., last]
-
-    def track(self, p, m, n):
-        """Probability (..., K) of m of n by the radars of some period, from P_D (..., L)."""
-        missed = 1.0
-        for period in set(self.periods):
-            own = sorted({t for t, i in self.looks if self.periods[i] == period})
-            fused = 1 - np.stack(
-                [np.prod([1 - p[..., j] for j, (t, i) in enumerate(self.looks)
-                          if t == at and self.periods[i] == period], axis=0) for at in own],
-                axis=-1,
-            )  # fmt: skip
-            # `test_tracks` tests this function against the sum over all outcomes
-            chain = tracks.m_of_n_track(fused.reshape(-1, len(own)).T, m, n).T.reshape(fused.shape)
-            latest = [sum(t <= at for t in own) - 1 for at in self.times]
-            missed = missed * (1 - chain[..., latest])
-        return 1 - missed
-
-    def draws(self, runs, seed):
-        """P_D (runs, L) with all errors drawn from one joint Gaussian."""
-        rng = np.random.default_rng(seed)
-        values, vectors = np.linalg.eigh(self.rho)
-        sqrt_rho = vectors * np.sqrt(np.maximum(values, 0))
-        normals = rng.standard_normal((runs, len(self.times), 6))
-        poses = self.poses + np.einsum("kj,rjc->rkc", sqrt_rho, normals) * self.sigma
-        states = self.states + rng.standard_normal((runs, *self.states.shape)) * self.std
-        return self.p_d(poses, states)
+def plain(folder, *args):
+    """The missions of the scenario that was written to a folder, by plain loops."""
+    return PlainMissions(yaml.safe_load((folder / "my.yaml").read_text()), ROUTE, *args)
 
 
 #: Two periods; three; and two radars that look together beside one that does not.
@@ -171,28 +91,23 @@ CASES = [
 
 @pytest.mark.parametrize("periods", CASES)
 def test_p_d_cumulative_p_d_and_tracks_at_the_nominal_states(tmp_path, periods):
-    brute = Brute(periods, 0.0)
     found = mission(load(tmp_path, periods), m_of_n=(2, 3)).table
-    assert found["time_s"].tolist() == brute.times
-    p = brute.p_d(brute.poses, brute.states)
-    assert len(p) > len(brute.times)
-    by_look = {}
-    for (t, _), one in zip(brute.looks, p, strict=True):
-        by_look[t] = 1 - (1 - by_look.get(t, 0.0)) * (1 - one)
-    np.testing.assert_allclose(found["p_d"], list(by_look.values()), rtol=1e-9, atol=1e-15)
-    cumulated = brute.by_time(1 - np.cumprod(1 - p))
-    np.testing.assert_allclose(found["cumulative_p_d"], cumulated, rtol=1e-9)
-    np.testing.assert_allclose(found["track_p_d"], brute.track(p, 2, 3), rtol=1e-9, atol=1e-15)
-    assert 0.2 < cumulated[-1] < 0.999
-    assert 0.05 < found["track_p_d"][-1] < 0.99
-    for i, name in enumerate(periods):
-        mine = np.array([j for j, look in enumerate(brute.looks) if look[1] == i])
-        own = [brute.times.index(brute.looks[j][0]) for j in mine]
-        shown = found[f"p_d_{name}"]
-        np.testing.assert_allclose(shown[own], p[mine], rtol=1e-9, atol=1e-15)
-        assert np.isnan(np.delete(shown, own)).all()
+    exact, same = plain(tmp_path), partial(np.testing.assert_allclose, rtol=1e-9, atol=1e-10)
+    assert found["time_s"].tolist() == exact.times
+    assert len(exact.p_d) > len(exact.times)
+    same(found["p_d"], [exact.fused(t, periods)[0] for t in exact.times])
+    detection, track = exact.events(2, 3)
+    same(found["cumulative_p_d"], detection[:, 0])
+    same(found["track_p_d"], track[:, 0])
+    assert 0.2 < detection[-1] < 0.999
+    assert 0.05 < track[-1] < 0.99
+    for name in periods:
+        own = [k for k, t in enumerate(exact.times) if (name, t) in exact.p_d]
+        mine = np.array([exact.p_d[name, exact.times[k]][0] for k in own])
+        same(found[f"p_d_{name}"][own], mine)
+        assert np.isnan(np.delete(found[f"p_d_{name}"], own)).all()
         ends = found[f"cumulative_p_d_{name}"]
-        np.testing.assert_allclose(ends[own], 1 - np.cumprod(1 - p[mine]), rtol=1e-9, atol=1e-15)
+        same(ends[own], 1 - np.cumprod(1 - mine))
         for k, value in enumerate(ends):  # constant between the looks of the radar
             assert value == ends[max(o for o in own if o <= k)]
 
@@ -202,23 +117,20 @@ def test_p_d_cumulative_p_d_and_tracks_at_the_nominal_states(tmp_path, periods):
     [({"far": 5}, 25.0), (CASES[0], 0.0), (CASES[1], 25.0), (CASES[2], math.inf)],
 )
 def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
-    brute, runs = Brute(periods, tau), 4000
+    runs = 4000
     found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs).table
-    p = brute.draws(runs, seed=11)
-    for column, drawn in (
-        ("", brute.by_time(1 - np.cumprod(1 - p, axis=-1))),
-        ("track_", brute.track(p, 2, 3)),
-    ):
-        mean, std = drawn.mean(axis=0), drawn.std(axis=0)
+    exact = plain(tmp_path, runs, 11)
+    for column, drawn in zip(("", "track_"), exact.events(2, 3), strict=True):
+        mean, std = drawn.mean(axis=1), drawn.std(axis=1)
         shown = std > 1e-2 * std.max()
         error = std[shown] * math.sqrt(2 / runs)
         assert np.max(abs((found[f"{column}mc_mean"] - mean)[shown] / error)) < 4.5
         # the error of a standard deviation comes from the fourth moment
-        fourth = np.mean((drawn - mean) ** 4, axis=0)[shown]
+        fourth = np.mean((drawn.T - mean) ** 4, axis=0)[shown]
         error = np.sqrt(2 * (fourth - std[shown] ** 4) / runs) / (2 * std[shown])
         assert np.max(abs((found[f"{column}mc_std"] - std)[shown] / error)) < 4.5
         for end, level in (("lower", 0.00135), ("upper", 0.99865)):
-            quantile = np.quantile(drawn, level, axis=0)
+            quantile = np.quantile(drawn, level, axis=1)
             assert np.max(abs(found[f"{column}mc_{end}"] - quantile)) < 0.9 * std.max()
 
 
