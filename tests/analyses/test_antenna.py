@@ -10,6 +10,7 @@ import pytest
 from helpers import csv_text, document, network_document, scenario, slopes, yaml_text
 from numpy.testing import assert_allclose
 from routes import GEO, HEAD
+from scenario_file.earth import to_ned
 from scipy.constants import Boltzmann
 from scipy.interpolate import PchipInterpolator
 from scipy.special import erfc
@@ -224,21 +225,8 @@ def test_a_radar_on_earth_has_its_own_vertical(tmp_path):
         radar={**radar, "elevation_gain": "gain.csv", "mask": "mask.csv"},
         geometry={"type": "path", "file": "route.csv", "origin": origin},
     )
-    a, f = 6378137.0, 1 / 298.257223563
-    e2 = f * (2 - f)
-
-    def earth(latitude, longitude, height):
-        la, lo = math.radians(latitude), math.radians(longitude)
-        n = a / math.sqrt(1 - e2 * math.sin(la) ** 2)
-        level = (n + height) * math.cos(la)
-        return np.array(
-            [level * math.cos(lo), level * math.sin(lo), (n * (1 - e2) + height) * math.sin(la)]
-        )
-
-    la, lo = math.radians(50), math.radians(20)
-    up = np.array([math.cos(la) * math.cos(lo), math.cos(la) * math.sin(lo), math.sin(la)])
-    way = earth(50.5, 20, 9000) - earth(50, 20, 0)
-    elevation = math.asin(up @ way / np.linalg.norm(way))
+    north, east, down = to_ned((50.5, 20, 9000), (50, 20, 0))
+    elevation = math.atan2(-down, math.hypot(north, east))
     (radar,) = s.radars
     clearance = radar.mask.clearance(s.aircraft[0], radar.state)
     assert clearance == pytest.approx(elevation - math.radians(0.2), abs=1e-9)

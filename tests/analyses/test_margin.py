@@ -6,14 +6,13 @@ the fluctuation, and draws of the parameters; none of them calls the package.
 
 import dataclasses
 import functools
-import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from helpers import CONFIGS, OVERHEAD, scenario, sheet_scenario, with_arrays, yaml_text
+from helpers import CONFIGS, OVERHEAD, read_record, scenario, sheet_scenario, with_arrays, yaml_text
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
@@ -317,7 +316,7 @@ def test_answer_and_files(tool):
     first, second, *_ = out.splitlines()
     assert first.startswith("least margin for P_D 0.9: 5.75 dB at 0, 180 deg, between 5.36 and")
     assert second.startswith("largest margin for P_D 0.9: 11.59 dB at 90 deg, between 11.20 and")
-    record = json.loads(Path("figures/paper_detectors.json").read_text())
+    record = read_record("figures/paper_detectors.json")
     assert record["summary"]["detector"] == "marcum, 24 pulses"
     assert record["summary"]["least_margin_db"]["theta_r_deg"] == [0, 180]
     table = np.genfromtxt("figures/paper_detectors.csv", delimiter=",", names=True)

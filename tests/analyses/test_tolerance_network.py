@@ -1,6 +1,5 @@
 """Budgets of radars and networks whose constants are uncertain by their tolerances."""
 
-import json
 import re
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from helpers import (
     mixed_radars,
     one_line,
     part_shares,
+    read_record,
     shares_of,
     sheet_scenario,
     stds_of,
@@ -145,7 +145,7 @@ def test_the_command_shows_the_parts(tool):
     header = Path("out/paper_budget.csv").read_text().splitlines()[0].split(",")
     assert header[-6:] == [f"three_sigma_{row}" for row in ROWS]
     assert len(set(header)) == len(header)
-    record = json.loads(Path("out/paper_budget.json").read_text())
+    record = read_record("out/paper_budget.json")
     at_largest = record["summary"]["radar_constant_parts_at_largest"]
     shares = record["summary"]["shares_of_radar_constant_parts_at_largest"]
     assert list(at_largest) == list(shares) == ROWS

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import CONFIGS, one_line
+from helpers import CONFIGS, one_line, read_record
 
 import radar_sense as rs
 from radar_sense import cli as command_line
@@ -145,7 +145,7 @@ def test_a_package_without_metadata_does_not_lose_a_run(tool, monkeypatch):
     monkeypatch.setattr(metadata, "version", raising(metadata.PackageNotFoundError("any")))
     monkeypatch.setattr(files, "versions", files.versions.__wrapped__)  # without those known
     assert tool("variance", "--no-plot").code == 0
-    record = json.loads(Path("figures/paper_variance.json").read_text())
+    record = read_record("figures/paper_variance.json")
     assert record["versions"]["numpy"] == "unknown"
 
 

@@ -3,12 +3,20 @@
 import json
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from earth import flight
-from helpers import CONFIGS, csv_text, document, lay_out, scenario, with_arrays, yaml_text
+from helpers import (
+    CONFIGS,
+    csv_text,
+    document,
+    lay_out,
+    read_record,
+    scenario,
+    with_arrays,
+    yaml_text,
+)
 from matplotlib.collections import LineCollection
 from scipy.optimize import brentq
 
@@ -399,7 +407,7 @@ def test_command(tool):
         s = scenario()
         np.testing.assert_allclose(data["p_d"][2, 3], s.model.p_d(state, s.radar), rtol=1e-7)
         assert np.all(data["upper_3sigma"] >= data["p_d"])
-    record = json.loads(Path("figures/paper_map.json").read_text(encoding="utf-8"))
+    record = read_record("figures/paper_map.json")
     assert record["summary"]["cells"] == [31, 31]
     assert record["summary"]["down_km"] == -5
 

@@ -20,6 +20,7 @@ from helpers import (
     mission,
     one_line,
     p_d_each,
+    read_record,
     write_path,
 )
 from mission.plain import PlainMissions
@@ -227,7 +228,7 @@ def test_report_and_record(tool, tmp_path):
     assert (
         "27 looks at 23 times, 10 to 82 s, every 4 or 10 s; pose errors correlated over 25 s\n"
     ) in out
-    found = json.loads(Path("figures/flight_mission.json").read_text())
+    found = read_record("figures/flight_mission.json")
     radars = found["summary"]["radars"]
     assert list(radars) == ["far", "near"]
     lines = out.splitlines()

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import runpy
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from helpers import CONFIGS, direction, document, scenario
+from helpers import CONFIGS, direction, document, read_record, scenario
 from scipy.special import ndtr
 from studies.bands import model as independent
 
@@ -427,7 +425,7 @@ def test_the_command_writes_a_table_that_can_be_read_again(tool, tmp_path):
         direct = pattern(model, azimuth, np.array(elevation))
         found = pattern(table, azimuth, np.array(elevation))
         np.testing.assert_allclose(found, direct, rtol=1e-4)
-    record = json.loads(Path("figures/paper_rcs.json").read_text())
+    record = read_record("figures/paper_rcs.json")
     assert record["summary"]["geometry"]["elevation_deg"] == pytest.approx([-0.344] * 2, abs=1e-3)
     nose = np.pi * (0.15 * 0.13 / 0.21) ** 2
     assert record["summary"]["smallest"]["rcs_m2"] == pytest.approx(nose, rel=1e-12)

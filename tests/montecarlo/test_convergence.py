@@ -1,11 +1,10 @@
 """Convergence of Monte Carlo: the estimators and the measured errors."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, dashes, lay_out, legend_off_data, scenario
+from helpers import OVERHEAD, dashes, lay_out, legend_off_data, read_record, scenario
 
 from radar_sense.analyses.convergence import convergence
 from radar_sense.montecarlo.convergence import (
@@ -215,7 +214,7 @@ def test_the_command(tool):
     assert (code, err) == (0, "")
     assert out.splitlines()[0].startswith("RMS error with 32 runs (high)")
     assert [line.split("  ")[1] for line in out.splitlines()[2:4]] == ["random", "sobol"]
-    record = json.loads(Path("figures/paper_convergence.json").read_text())
+    record = read_record("figures/paper_convergence.json")
     assert (record["seed"], record["summary"]["repetitions"]) == (4, REPLICATIONS)
     given = {"level": "high", "method": "linear", "runs": 32, "seed": 4}
     assert record["scenario"]["analysis"] == given

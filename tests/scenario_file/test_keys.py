@@ -7,7 +7,6 @@ line, so the line that an error must name is known here without the reader.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -16,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import assert_refused, cov_by_level, refusal, write
+from helpers import assert_refused, cov_by_level, read_record, refusal, write
 from scenario_file.refused import place_of_error, refused
 
 import radar_sense as rs
@@ -371,7 +370,7 @@ def draws(tool: Callable, seed: str, *options: str) -> tuple[bytes, int]:
     code, out, err = tool("montecarlo", "my.yaml", "--runs", "3", "--no-plot", "-q", *options)
     assert (code, out) == (0, "")
     assert all(line.startswith("Warning: ") for line in err.splitlines())
-    record = json.loads(Path("figures/paper_montecarlo.json").read_text())
+    record = read_record("figures/paper_montecarlo.json")
     assert record["scenario"]["analysis"]["seed"] == record["seed"]
     return Path("figures/paper_montecarlo.csv").read_bytes(), record["seed"]
 

@@ -13,6 +13,7 @@ from helpers import (
     PAPER,
     cov_by_level,
     document,
+    read_record,
     stds_of,
     with_arrays,
     without_pixels,
@@ -360,7 +361,7 @@ def test_the_command_line_names_poses_by_time(tool, tmp_path):
     done = tool("budget", file, "--target", 0.05, "--at", 1000, "--no-plot")
     assert done.code == 0
     assert "at 1000 s" in done.out
-    record = json.loads((tmp_path / "figures/paper_budget.json").read_text())
+    record = read_record(tmp_path / "figures/paper_budget.json")
     target = record["summary"]["target"]
     assert target["at_s"] == 1000
     assert target["required_accuracy"]["all"]["time_s"] == 1000
@@ -418,7 +419,7 @@ def test_every_analysis_takes_a_path(tool, tmp_path, monkeypatch, name):
     file = write_path(tmp_path, UNCERTAIN, analysis__runs=20)
     done = tool(name, file, "--format", "svg")
     assert done.code == 0, done.err
-    record = json.loads((tmp_path / f"figures/paper_{name}.json").read_text())
+    record = read_record(tmp_path / f"figures/paper_{name}.json")
     assert "theta_r_deg" not in json.dumps(record)
     assert "theta_r" not in (tmp_path / f"figures/paper_{name}.csv").read_text()
     if name not in ("detectors", "rcs"):

@@ -3,12 +3,14 @@
 import hashlib
 import math
 import tracemalloc
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from helpers import write_path
+from scenario_file.earth import ecef
 from scenario_file.refused import refused
 
 import radar_sense as rs
@@ -101,21 +103,9 @@ def test_every_format_has_the_route_of_a_csv_file(load):
     same(load("a.csv", "time,icao24,lat,lon,geoaltitude\n" + "".join(rows)), on_ellipsoid)
 
 
-def arc(one, other):
-    """Length of a leg: the great circle of the mean radius of curvature, and the climb."""
-    (_, lat1, lon1, alt1), (_, lat2, lon2, alt2) = one, other
-    a, e2 = 6378137.0, 0.0066943799901413165
-    lat1, lon1, lat2, lon2 = map(math.radians, (lat1, lon1, lat2, lon2))
-    mid = (lat1 + lat2) / 2
-    w = 1 - e2 * math.sin(mid) ** 2
-    height = (alt1 + alt2) / 2
-    north = (a * (1 - e2) / w**1.5 + height) * (lat2 - lat1)
-    east = (a / math.sqrt(w) + height) * math.cos(mid) * (lon2 - lon1)
-    return math.sqrt(north**2 + east**2 + (alt2 - alt1) ** 2)
-
-
 def test_waypoints_with_a_speed(load):
-    legs = [arc(POINTS[i], POINTS[i + 1]) for i in range(3)]
+    places = [ecef(*place) for _, *place in POINTS]
+    legs = [math.dist(*ends) for ends in pairwise(places)]  # as good as arcs, to 1e-8
     speeds = [80.0, 120.0, 100.0, 1.0]
     for speed, expected in (([100.0] * 4, np.cumsum([0, *legs]) / 100),
                             (speeds, np.cumsum([0, *np.divide(legs, speeds[:3])]))):  # fmt: skip
