@@ -151,15 +151,6 @@ def test_one_band_for_all_is_no_band():
     assert rs.monte_carlo(s).mean.tobytes() == rs.monte_carlo(plain).mean.tobytes()
 
 
-def test_the_record_reads_back():
-    s = made(document(radar("a", "s"), radar("b", "x")))
-    again = made(s.resolved())
-    assert again.resolved() == s.resolved()
-    assert again.model.p_d(s.aircraft, s.radar) == s.model.p_d(s.aircraft, s.radar)
-    (alone,) = rs.load_scenario("configs/gap_fillers.yaml").resolved()["types"]
-    assert alone == "gap_filler"
-
-
 def of_type(**deviation):
     """The uncertainty of a type by the level of the radars."""
     return {"types": {"filler": {"one": deviation}}}

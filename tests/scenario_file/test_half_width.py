@@ -13,7 +13,6 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 import radar_sense as rs
-from radar_sense import analyses
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
@@ -116,12 +115,6 @@ def test_moments_of_a_rectangular_factor(power, decibels, value):
     assert np.mean(factors) == pytest.approx(found.moment(1), rel=5e-3)
     ends = sorted(replace(found, rectangular=False).factor(np.array([-1, 1]) * math.sqrt(3)))
     assert ends[0] <= factors.min() < 1 < factors.max() <= ends[1]
-
-
-def test_the_budget_has_a_row_for_each(tool):
-    result = analyses.budget(scenario(), method="automatic")
-    rows = [line.split()[0] for line in result.report if line.startswith("    ")]
-    assert rows == ["gain_dbi", "noise_figure_db", "line_db"]
 
 
 def test_the_record_has_the_limits_as_typed():

@@ -62,11 +62,11 @@ def test_the_horizon_is_that_of_the_sea_level(tmp_path, above, geoid):
     rows = [(60 * i, x, 10, given) for i, x in enumerate(latitude)]
     written(tmp_path, [(40, 10, 15 + geoid)], rows, (40, 10, 0), aircraft=AIRCRAFT)
     keys = {"geometry.geoid_height_m": geoid, "geometry.altitude_above": above}
-    s = rs.load_scenario(tmp_path / "moved.yaml", keys)
+    s = rs.load_scenario(tmp_path / "scenario.yaml", keys)
     assert (s.p_d() > 0).tolist() == [True, False]
     assert not [text for text in plausibility_warnings(s) if "below-ground" in text]
     assert rs.analyses.check(s).passed
-    off = rs.load_scenario(tmp_path / "moved.yaml")  # of the ellipsoid
+    off = rs.load_scenario(tmp_path / "scenario.yaml")  # of the ellipsoid
     if above == "ellipsoid":
         assert (off.p_d() > 0).tolist() == ([False, False] if geoid < 0 else [True, True])
 
