@@ -44,7 +44,7 @@ def of_each(radar: FloatArray, radars: int) -> list[FloatArray]:
     size = radar.shape[-1] // radars if radar.ndim else 0
     if size not in (len(RADAR), len(RADAR_AND_ERRORS)) or radar.shape[-1] % radars:
         each = f" of each of {radars} radars" if radars > 1 else ""
-        raise ValueError(
+        raise InputError(
             f"radar states must have shape (..., {len(RADAR) * radars}) for {', '.join(RADAR)}"
             f"{each}, got {radar.shape}"
         )
@@ -144,7 +144,7 @@ def checked_states(
     """Return states of the aircraft (..., 6), and of the radars (..., 4m) or (..., 7m), checked."""
     aircraft = real_array("aircraft states", aircraft)
     if aircraft.shape[-1:] != (len(AIRCRAFT),):
-        raise ValueError(
+        raise InputError(
             f"aircraft states must have shape (..., {len(AIRCRAFT)}) for {', '.join(AIRCRAFT)}, "
             f"got {aircraft.shape}"
         )
@@ -154,7 +154,7 @@ def checked_states(
     check_finite("radar", radar, radars)
     constants = radar[..., CONSTANT :: radar.shape[-1] // radars]
     if constants.min(initial=0.0) < 0:
-        raise ValueError(f"radar constant must not be negative, got {constants.min()}")
+        raise InputError(f"radar constant must not be negative, got {constants.min()}")
     return aircraft, radar
 
 

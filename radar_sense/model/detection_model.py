@@ -73,7 +73,7 @@ class Linearization:
             cov_radar: C_rr (..., 4, 4), or (..., 4m, 4m), in metres and J m²/K.
 
         Raises:
-            ValueError: If a covariance has another shape, or is not finite, symmetric and positive
+            InputError: If a covariance has another shape, or is not finite, symmetric and positive
                 semidefinite.
         """
         return np.sqrt(
@@ -91,7 +91,7 @@ class DetectionModel:
     the RCS, see `rcs`, multiplies σ_r by 10^(s ε/10), the error of ln α multiplies the attenuation
     α by its exponential, and the error of the tilt [rad] adds to the tilt of the antenna. The two
     states broadcast against each other. All results are NaN where aircraft and radar coincide.
-    ValueError is raised if a shape does not fit, a state is not finite or c_r is negative.
+    InputError is raised if a shape does not fit, a state is not finite or c_r is negative.
 
     Attributes:
         rcs: Radar cross section by aspect.
