@@ -83,7 +83,7 @@ def main():
     doors()
 
 
-def row(what, ours, peer, *, counts=(1, 1), unit="ns", rounds=5, clock=time.process_time, most=""):
+def row(what, ours, peer, *, counts=(1, 1), rounds=5, clock=time.process_time, most=""):
     """Measure and print a row.
 
     Args:
@@ -91,14 +91,13 @@ def row(what, ours, peer, *, counts=(1, 1), unit="ns", rounds=5, clock=time.proc
         ours: A function.
         peer: The function that it is compared with.
         counts: What the times of each are divided by.
-        unit: Unit of the times.
         rounds: Number of turns.
         clock: What measures.
         most: The limit of the ratio, if there is one.
     """
     pair = tuple(zip((ours, peer), counts, strict=True))
     times = np.array([[timed(f, clock) / count for f, count in pair] for _ in range(rounds)])
-    show(what, times, unit, most)
+    show(what, times, most)
 
 
 def timed(function, clock):
@@ -109,17 +108,24 @@ def timed(function, clock):
     return clock() - start
 
 
-def show(what, times, unit, most=""):
+def show(what, times, most=""):
     """Print a row of times (rounds, 2), ours and the peer's [s]."""
-    scale = {"ns": 1e9, "us": 1e6, "s": 1.0}[unit]
-    ours, peer = (statistics.median(column) * scale for column in times.T)
+    ours, peer = (in_unit(statistics.median(column)) for column in times.T)
     ratios = times[:, 0] / times[:, 1]
     over = " **over**" if most and min(ratios) > most else ""
     print(
-        f"| {what} | {ours:.3g} {unit} | {peer:.3g} {unit} | {statistics.median(ratios):.2g} "
+        f"| {what} | {ours} | {peer} | {statistics.median(ratios):.2g} "
         f"| {min(ratios):.2g} to {max(ratios):.2g} | {most}{over} |",
         flush=True,
     )
+
+
+def in_unit(time):
+    """Return a time [s] in the unit that suits it."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if time >= size:
+            return f"{time / size:.3g} {unit}"
+    return f"{1e9 * time:.3g} ns"
 
 
 def two_workers():
@@ -213,7 +219,7 @@ def propagation():
     form = partial(propagate, case, "form")
     many = partial(rs.monte_carlo, case, runs=draws, seed=1)
     counts = len(case.aircraft), len(case.aircraft) * draws / 1e6
-    row("form, a pose, beside 1e6 draws", form, many, counts=counts, unit="us", rounds=3)
+    row("form, a pose, beside 1e6 draws", form, many, counts=counts, rounds=3)
     if util.find_spec("openturns"):
         pose = case.at_poses(slice(90, 91))
         states = pose.states()
@@ -222,7 +228,7 @@ def propagation():
         # FORM alone has no curvature; ours is within a tenth of it at two standard deviations
         assert abs(theirs() / METHODS["form"](states).exceedance(limit)[0] - 1) < 0.1
         counts = len(case.aircraft), 1
-        row("form, a pose, beside OpenTURNS' FORM", form, theirs, counts=counts, unit="us")
+        row("form, a pose, beside OpenTURNS' FORM", form, theirs, counts=counts)
     many_poses = case.aircraft.repeat(60, axis=0)
     for what in ("linear", "probit", "form"):
         ours = partial(propagate, case, what, many_poses)
@@ -282,9 +288,9 @@ def doors():
                 times.append([command(line, folder, *plain), door()])
                 if plain:
                     figures.append([command(line, folder) - times[-1][0], times[-1][1]])
-            show(f"`{line}`, doors", np.array(times), "s", most)
+            show(f"`{line}`, doors", np.array(times), most)
             if figures:
-                show(f"`{line}`, its figure in addition", np.array(figures), "s", 1)
+                show(f"`{line}`, its figure in addition", np.array(figures), 1)
 
 
 def command(line, folder, *options):
