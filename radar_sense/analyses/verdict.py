@@ -142,7 +142,7 @@ def _summary(tested: PathTest, column: str, k: float) -> dict[str, Any]:
         },
         "runs": runs.runs,
     }
-    if not tested.path.resolved:  # P_D is above elsewhere, too
+    if not tested.path.resolved:  # P_D may be above elsewhere, too
         return summary | dict.fromkeys((f"above_{unit}", "share_above"))
     if runs.anywhere is not None:
         summary["probability_above_at_any_pose"] = {
