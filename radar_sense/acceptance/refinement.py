@@ -125,7 +125,8 @@ def refined(
     place, new = given, np.setdiff1d(places(scenario), given)[::order]
     resolved = len(place) + len(new) < most
     if not resolved:
-        new = new[[along(_nominal(scenario), new).p_d().argmax()]]
+        p_d = along(_nominal(scenario), new).p_d()
+        new = new[[np.nan_to_num(p_d, nan=-1.0).argmax()]]  # on top of a radar it is NaN
     while True:
         if new.size:
             place = np.concatenate([place, new])

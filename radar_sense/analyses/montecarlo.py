@@ -108,8 +108,7 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
         low, high = mc.coverage_interval()
         # Bonferroni's correction: 95 % confidence for all poses together.
         least, most = mc.coverage_interval(1 - 0.05 / len(axis))
-        # more draws than expected are within an end at which many draws are, such as 0
-        fewer, more = most < mc.expected, (least > mc.expected) & ~mc.shares_an_end
+        fewer, more = most < mc.expected, least > mc.most_expected
         off = fewer | more
         confidence = f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
         lowest["confidence_95"] = [float(low[pose]), float(high[pose])]

@@ -70,7 +70,7 @@ def add_required_accuracy(
     propagate = partial(band_of_scenario, method=method, beta=sigmas or 3.0)
     poses = refinement.resolve(chosen, propagate, limit)
     if not poses.resolved:
-        raise InputError(refinement.unresolved())
+        raise InputError(f"{refinement.unresolved()}, or one pose with at")
     axis = poses.scenario.axis
     required = required_accuracies(poses.scenario, limit, k=sigmas, method=method)
 

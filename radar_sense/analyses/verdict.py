@@ -124,6 +124,7 @@ def _summary(tested: PathTest, column: str, k: float) -> dict[str, Any]:
         "poses": len(axis),
         "poses_between_rows": tested.path.added,
         "tolerance_between_poses": tested.path.tolerance,
+        "resolved": tested.path.resolved,
         "poses_violated": int(np.count_nonzero(test.violated)),
         "poses_not_known": int(np.count_nonzero(test.unknown)),
         "poses_without_bound": int(np.count_nonzero(np.isnan(test.margin))),
@@ -165,7 +166,7 @@ def _report(tested: PathTest, method: str, k: float, probability: float | None) 
     lines = [f"{_verdict(tested)}: {condition(test.p_max, k, probability)}"]
     if test.violated.any() and test.unknown.any():
         lines += [f"not known {words.describe_poses(test.unknown, axis)}"]
-    if test.unknown.any():
+    if test.unknown.any() or not tested.path.resolved:
         lines += [_remedy(tested, method)]
     known = np.isfinite(test.margin[tested.worst])
     if known:
@@ -236,7 +237,8 @@ def _probability_lines(tested: PathTest) -> list[str]:
     count = int(runs.counts[highest])
     limit = f"P(P_D > {tested.test.p_max:g})"
     if not count and not runs.anywhere:
-        return [f"{limit}: in none of {runs.runs:,} runs"]
+        where = "" if tested.path.resolved else ", at the poses tested"
+        return [f"{limit}: in none of {runs.runs:,} runs{where}"]
     line = (
         f"{limit}: {words.probability(count / runs.runs)} +/- {runs.error(count):.1g} at "
         f"{axis.at(highest)}"

@@ -84,11 +84,15 @@ class MonteCarlo(DrawStatistics):
         return np.isfinite(self.band.lower + self.band.upper)
 
     @property
-    def shares_an_end(self) -> NDArray[np.bool_]:
-        """Where (n,) draws and method have the same bound, because P_D often has this value."""
+    def most_expected(self) -> FloatArray:
+        """Largest share of draws (n,) within bounds that are right.
+
+        None are beyond a bound of method and draws alike, because P_D often has this value.
+        """
         ends = (self.lower, self.band.lower), (self.upper, self.band.upper)
         same = [abs(drawn - end) <= ROUNDING * abs(self.band.p_d) for drawn, end in ends]
-        return np.logical_or(*same)
+        expected: FloatArray = self.expected + np.sum(same, axis=0) * (1.0 - self.expected) / 2.0
+        return expected
 
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
         """Return the binomial confidence interval of the coverage, lower and upper ends (n,).

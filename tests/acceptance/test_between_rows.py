@@ -185,6 +185,19 @@ def test_what_is_not_resolved_is_not_said(tmp_path, monkeypatch, limit):
             analyses.budget(scenario, threshold=limit)
 
 
+def test_a_path_through_the_radar_that_is_not_resolved(tmp_path, monkeypatch):
+    """P_D is NaN at the radar, and the place of the greatest P_D is another."""
+    monkeypatch.setattr(refinement, "MAX_POSES", 5)
+    sphere, rows = {"model": "constant", "rcs_m2": 1}, "0,0,-40000,0\n100,0,40000,0\n"
+    s = flight(tmp_path, rows, [radar(0.002)], sphere, KNOWN_POSE)
+    result = analyses.variance(s, threshold=0.5, method="linear")
+    found = result.summary["threshold"]
+    assert not found["resolved"]
+    assert found["p_d_itself_above"]
+    assert np.isfinite(found["worst_margin"]["value"])
+    assert "\n".join(result.report).count("not resolved by 5 poses") == 1
+
+
 def test_rows_in_which_nothing_happens_are_no_poses(tmp_path):
     """Of 20 000 rows of a level flight with noise few are tested, and the one that counts is."""
     rng, n = np.random.default_rng(1), 20_001
