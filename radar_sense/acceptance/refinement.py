@@ -111,9 +111,9 @@ def refined(
 
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
     tolerance of straight lines, which grows with the distance below the limit. Second differences
-    estimate the distance from the lines. Two standard errors of a bound are no bend. Where
-    `MAX_POSES` would be added, P_D is not resolved, and of the places only that of the greatest P_D
-    is added.
+    estimate the distance from the lines. Two standard errors of a bound are no bend. P_D is not
+    resolved if this takes more than `MAX_POSES` poses. If the places alone are more, only the place
+    with the greatest P_D is added.
     """
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
     order, most = -1 if given[0] > given[-1] else 1, len(given) + MAX_POSES

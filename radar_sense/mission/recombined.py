@@ -42,7 +42,7 @@ from radar_sense.mission.tracks import event_probabilities, m_of_n_track
 from radar_sense.model.fusion import either
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.parallel import in_order
-from radar_sense.montecarlo.sobol import REPLICATES
+from radar_sense.montecarlo.statistics import REPLICATES
 from radar_sense.progress import report
 from radar_sense.states import AIRCRAFT, FloatArray, of_each
 from radar_sense.streams import Stream, random_stream

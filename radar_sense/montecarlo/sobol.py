@@ -16,12 +16,9 @@ from scipy.special import ndtri
 
 from radar_sense.cost import MOST_BYTES
 from radar_sense.errors import InputError
+from radar_sense.montecarlo.statistics import REPLICATES
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import MAX_NUMBERS
-
-#: Independent replicates of the same size. Their spread gives the standard errors, which are
-#: themselves known to a quarter.
-REPLICATES = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,6 +14,9 @@ from radar_sense.states import FloatArray
 
 #: Rows are sorted when they are this many times the rows of a tail; two of them are kept.
 ROOM = 3
+#: Independent replicates of draws, of the same size. Their spread gives the standard errors, which
+#: are themselves known to a quarter.
+REPLICATES = 8
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,7 +57,8 @@ STEPS, NEAR = 6, 0.05
 LEAST_CONSTANT = 1e-3
 #: Step of a difference, as a part of the range.
 DIFFERENCE = 1e-4
-#: Largest ln of a ratio of densities, which does not overflow. The weight of such a draw is 0.
+#: Largest ln of a ratio of densities: the exponential of more overflows. A draw with this ratio has
+#: a weight of 1e-308, and counts for nothing.
 MOST = math.log(sys.float_info.max)
 #: A direction counts if its singular value is above this part of the largest.
 INDEPENDENT = 1e-6

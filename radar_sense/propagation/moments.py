@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
-#: Number of σ of a bound where none is asked for, that of the paper.
+#: Number of σ from the mean to a bound, if no other number is given: the paper's.
 BETA = 3.0
 #: Nodes and weights (16, 1) of integrals from −1 to 1.
 _NODES, _WEIGHTS = (x[:, np.newaxis] for x in np.polynomial.legendre.leggauss(16))
