@@ -15,7 +15,7 @@ from radar_sense.acceptance.refinement import along, coarseness, places
 from radar_sense.flight import Path
 from radar_sense.model.geodesy import turned_attitude
 from radar_sense.model.geometry import body_vector, elevation_of, radar_from_aircraft, slant_range
-from radar_sense.model.horizon import Horizon, horizon_range
+from radar_sense.model.horizon import horizon_range
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import BOUND_CHANGE
 from radar_sense.scenario import Scenario
@@ -26,7 +26,8 @@ from radar_sense.words import describe_poses, listed, placed, warning
 MIN_SPEED, MAX_SPEED = 0.5, 2e3
 #: Greatest bank [rad] without a warning: a level turn at twice the weight.
 MAX_BANK = np.deg2rad(60.0)
-#: Least height above the ellipsoid [m]: the lowest land minus the greatest depth of the geoid.
+#: Least height above the ellipsoid or the sea [m]: the lowest land minus the greatest depth of the
+#: geoid.
 MIN_HEIGHT = -600.0
 #: Greatest height [m]: the edge of space (Fédération Aéronautique Internationale, Sporting Code,
 #: section 8, 2.18.1).
@@ -96,8 +97,8 @@ def banks(scenario: Scenario) -> FloatArray:
 
 def _height(scenario: Scenario) -> Iterator[str]:
     down = scenario.aircraft[:, DOWN]
-    height = Horizon(scenario.origin).height(scenario.aircraft)
-    above = "the origin" if scenario.origin is None else "the ellipsoid"
+    height = scenario.geometry.horizon.height(scenario.aircraft)
+    above = _surface(scenario)
     highest = float(height.max())
     if highest > MAX_HEIGHT:
         yield warning(
@@ -117,7 +118,7 @@ def _height(scenario: Scenario) -> Iterator[str]:
     if scenario.origin is not None and height.min() < MIN_HEIGHT:
         yield warning(
             "below-ground",
-            f"the aircraft is below the ground, {-height.min():.4g} m below the ellipsoid: "
+            f"the aircraft is below the ground, {-height.min():.4g} m below {above}: "
             "are altitudes in metres, and positive upwards?",
         )
     elif scenario.origin is None and below.any():
@@ -139,15 +140,19 @@ def _ground(scenario: Scenario) -> Iterator[str]:
     }
     below = [name for name, value in height.items() if value < 0]
     if below:
-        ground = "ellipsoid" if scenario.origin is not None else "origin"
-        if scenario.geometry.horizon.surface:
-            ground = "sea level"
         yield warning(
             "below-ground",
             f"{listed(below)} {'is' if len(below) == 1 else 'are'} up to "
-            f"{-min(height.values()):.4g} m below the {ground}, where the horizon has the ground "
-            "and them on it: down is positive downwards, altitudes are above the ellipsoid",
+            f"{-min(height.values()):.4g} m below {_surface(scenario)}, where the horizon has the "
+            "ground and them on it: down is positive downwards, altitude_m is above the ellipsoid",
         )
+
+
+def _surface(scenario: Scenario) -> str:
+    """Return what heights of a scenario are above, in words."""
+    if scenario.origin is None:
+        return "the origin"
+    return "the sea level" if scenario.geometry.horizon.surface else "the ellipsoid"
 
 
 def below_ground(scenario: Scenario, down_km: float | None) -> Iterator[str]:

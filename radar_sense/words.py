@@ -51,10 +51,11 @@ WARNINGS: dict[str, str] = {
         "it up. Smooth them, or give the attitude."
     ),
     "below-ground": (
-        "The aircraft is below the ellipsoid, or below the origin and every radar; or a radar is "
-        "below the ground that its horizon has, and stands on it in the computation. Down is "
-        "positive downwards, so a height of 3 km is -3; altitudes are positive upwards. Where the "
-        "sea is below the ellipsoid, geometry.geoid_height_m states how far."
+        "The aircraft is below the ground, or below the origin and every radar; or a radar is "
+        "below the ground that its horizon has, and stands on it in the computation. On a route in "
+        "latitude and longitude the ground is the sea level by geometry.geoid_height_m, or the "
+        "ellipsoid without this key. Down is positive downwards, so a height of 3 km is -3; "
+        "altitudes are positive upwards."
     ),
     "cells-unknown": (
         "Cells without a number: the aircraft is at a radar there, or the method does not "

@@ -247,10 +247,16 @@ def _probability_lines(tested: PathTest) -> list[str]:
         return [line]
     line += ", where it is highest"
     if runs.anywhere is None:
-        return [line, "P anywhere needs a path with times and uncertainty.aircraft_correlation_s"]
+        return [
+            line,
+            "P at some pose of all needs a path with times and uncertainty.aircraft_correlation_s",
+        ]
+    scenario = tested.path.scenario
+    # between two poses the errors of the aircraft may be larger than at both
+    where = f"at some pose of {len(axis)}" if scenario.cov_aircraft.any() else "anywhere"
     line += (
         f"; {words.probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} "
-        f"anywhere ({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
+        f"{where} ({runs.runs:,} runs, {_correlation(scenario)})"
     )
     return [line]
 
@@ -260,7 +266,7 @@ def _correlation(scenario: Scenario) -> str:
     if not scenario.cov_aircraft.any():
         return "no errors of the aircraft"
     if not scenario.correlation_s or scenario.time_s is None:
-        return f"errors of the aircraft independent at {len(scenario.axis)} poses"
+        return "errors of the aircraft independent from pose to pose"
     return f"errors of the aircraft correlated over {scenario.correlation_s:g} s"
 
 

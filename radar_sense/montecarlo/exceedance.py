@@ -1,8 +1,9 @@
-"""Runs of a path: how often P_D exceeds a limit at each pose, anywhere, and for how long.
+"""Runs of a path: how often P_D exceeds a limit at each pose, at any pose, and for how long.
 
 The errors of the radars are common to all poses of a run. The errors of the aircraft are a
 first-order Gauss–Markov process with the correlation time of the scenario. All numbers are from the
-same runs, so that P at a pose ≤ P anywhere ≤ the sum over poses.
+same runs, so that P at a pose ≤ P at some pose of all ≤ the sum over poses. Between two poses the
+errors of such a process may be larger than at both.
 """
 
 from __future__ import annotations

@@ -134,7 +134,8 @@ def load_route(
         altitude_above: What the altitudes are above: "ellipsoid", "sea" or "pressure". If None, the
             sea in GPX, and the ellipsoid in other files.
         geoid_height_m: Height of the sea level above the ellipsoid [m], required by altitudes
-            above the sea and by pressure altitudes. Altitudes above the ellipsoid do not need it.
+            above the sea and by pressure altitudes. Of altitudes above the ellipsoid it is allowed
+            if `altitude_above` says so, and changes nothing of the route.
         speed_m_s: Speed along the legs [m/s], for waypoints without times.
         icao24: Address of the aircraft, in state vectors of several.
 

@@ -445,7 +445,7 @@ class Path(Section):
     )
     geoid_height_m: float | None = key(
         "Height of the sea level above the WGS-84 ellipsoid on the route. It is the surface of the "
-        "horizon, too.",
+        "horizon, too, also of altitudes for which altitude_above states the ellipsoid.",
         Limit(at_least=-110, at_most=90),  # by EGM2008 from -107 to 86
         default=None,
     )

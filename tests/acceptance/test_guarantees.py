@@ -100,6 +100,9 @@ def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(tmp_
         assert summary["highest_probability_above"]["value"] == each.max()
         assert summary["probability_above_at_any_pose"]["value"] == anywhere
         assert summary["mean_time_above_s"]["value"] == runs.time
+        line = next(line for line in result.report if line.startswith("P(P_D >"))
+        uncertain = f"at some pose of {len(each)} (" if s.cov_aircraft.any() else "anywhere ("
+        assert anywhere == 0 or uncertain in line
         rows = each[found.path.rows]
         np.testing.assert_array_equal(result.table["probability_above"], rows)
 

@@ -52,6 +52,21 @@ def level_to(yaw):
     return {"position_m": 10, "attitude_deg": [0.1, 0.1, yaw]}
 
 
+@pytest.mark.parametrize(
+    ("altitude", "geoid", "told"),
+    [(-590, None, None), (-610, None, "610 m below the ellipsoid"),
+     (-590, 60.0, "650 m below the sea level"), (-610, -60.0, None)],
+)  # fmt: skip
+def test_an_aircraft_is_below_the_sea_level_that_is_stated(tmp_path, altitude, geoid, told):
+    rows = [(60 * i, 40.1 + 0.01 * i, 10, altitude) for i in range(3)]
+    written(tmp_path, [(40, 10, 15)], rows, (40, 10, 0), aircraft=AIRCRAFT)
+    above = {"geometry.geoid_height_m": geoid, "geometry.altitude_above": "ellipsoid"}
+    s = rs.load_scenario(tmp_path / "scenario.yaml", above if geoid is not None else {})
+    texts = [text for text in plausibility_warnings(s) if "the aircraft is below" in text]
+    assert len(texts) == (told is not None)
+    assert all(told in text for text in texts)
+
+
 @pytest.mark.parametrize("above", ["ellipsoid", "sea"])
 @pytest.mark.parametrize("geoid", [-90.0, 60.0])
 def test_the_horizon_is_that_of_the_sea_level(tmp_path, above, geoid):
