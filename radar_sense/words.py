@@ -202,14 +202,16 @@ def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
     return f"{probability(extreme['value'])} at {place}"
 
 
-def describe_span(low: Mapping[str, Any], high: Mapping[str, Any], axis: Axis) -> str:
-    """Describe the range of P_D between a trough and a peak, in a sentence."""
-    if not low[axis.key] or high["value"] - low["value"] > 1e-9 * abs(high["value"]):
+def describe_span(p_d: FloatArray, axis: Axis) -> str:
+    """Describe the range of P_D (n,) in a sentence, by the digits that are shown."""
+    low, high = trough(p_d, axis), peak(p_d, axis)
+    if probability(low["value"]) != probability(high["value"]) or np.isnan(high["value"]):
         return f"P_D runs from {describe_extreme(low, axis)} to {describe_extreme(high, axis)}"
     if len(axis) == 1:
         return f"P_D is {describe_extreme(high, axis)}"
-    everywhere = len(high[axis.key]) == len(axis)
-    known = f"at every {axis.places.removesuffix('s')}" if everywhere else "wherever it has a value"
+    known = "wherever it has a value"
+    if np.isfinite(p_d).all():
+        known = f"at every {axis.places.removesuffix('s')}"
     return f"P_D is {probability(high['value'])} {known}"
 
 

@@ -107,7 +107,7 @@ def sweep(
     else:
         low, high = words.trough(p_d, axis), words.peak(p_d, axis)
         result.summary |= {"lowest_p_d": low, "highest_p_d": high}
-        result.report.append(f"by {key} the largest {words.describe_span(low, high, axis)}")
+        result.report.append(f"by {key} the largest {words.describe_span(p_d, axis)}")
     if len(values) <= SHOWN:
         result.report += words.rows(zip(map(axis.format, values), bands, strict=True))
     result.warnings += words.gathered(found)

@@ -75,7 +75,7 @@ def variance(
     worst = words.peak(3 * moments.std, axis)
     result.summary |= {"lowest_p_d": low, "highest_p_d": high, "largest_three_sigma": worst}
     result.report += [
-        words.describe_span(low, high, axis),
+        words.describe_span(moments.p_d, axis),
         *_bands(scenario, band, k),
         f"largest 3 sigma of P_D ({words.level_and_method(scenario.level, method)}): "
         f"{words.describe_extreme(worst, axis)}",

@@ -18,7 +18,7 @@ from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.linear import Linear
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.sources import error_budget
-from radar_sense.words import describe_extreme, describe_span, peak, trough
+from radar_sense.words import describe_extreme, describe_span, peak
 from radar_sense.words import describe_poses as where
 
 ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)
@@ -332,6 +332,8 @@ def test_the_places_of_an_extreme_in_words(count, places):
         ([0.25, 0.5, 0.25], "P_D runs from 0.2500 at 0 and 20 deg to 0.5000 at 10 deg"),
         ([0.25, np.nan, 0.5], "P_D runs from 0.2500 at 0 deg to 0.5000 at 20 deg"),
         ([0.25, 0.25, 0.25], "P_D is 0.2500 at every pose"),
+        ([0.98801, 0.98804, 0.98798], "P_D is 0.9880 at every pose"),
+        ([0.98801, np.nan, 0.98798], "P_D is 0.9880 wherever it has a value"),
         ([0.25, 0.25, np.nan], "P_D is 0.2500 wherever it has a value"),
         ([0.25], "P_D is 0.2500 at 0 deg"),
         ([np.nan, np.nan], "P_D runs from undefined to undefined"),
@@ -339,7 +341,7 @@ def test_the_places_of_an_extreme_in_words(count, places):
 )
 def test_the_span_of_p_d_in_words(p_d, says):
     p_d, along = np.array(p_d), azimuth(10.0 * np.arange(len(p_d)))
-    assert describe_span(trough(p_d, along), peak(p_d, along), along) == says
+    assert describe_span(p_d, along) == says
 
 
 def test_no_uncertainty_at_all():
