@@ -390,7 +390,7 @@ def _draw(
             plotting.draw_fill(axes, x, draws.lower, draws.upper, **fill)
         plotting.draw_line(axes, x, found.p, ("black", "-"), label="nominal")
         mean = {"lw": thin, "label": "mean over the errors"}
-        plotting.draw_line(axes, x, found.mean, ("black", ":"), **mean)
+        plotting.draw_line(axes, x, found.mean, ("0.65", ":"), **mean)
         label = rf"${k:g}\,\sigma$ bounds ({scenario.level})"
         plotting.draw_band(axes, x, found.lower, found.upper, label)
         if draws:
