@@ -14,7 +14,7 @@ import inspect
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import click
 import yaml
@@ -417,11 +417,12 @@ def _members(cls: type) -> Iterator[tuple[str, Any, str]]:
 
 def _signature(name: str, value: Any, width: int = 96) -> str:
     """Return a call with types and defaults, in lines of a width; else the name."""
-    if not callable(value) or (inspect.isclass(value) and issubclass(value, Exception)):
+    is_class = inspect.isclass(value)
+    if not callable(value) or (is_class and issubclass(value, (Exception, Protocol))):
         return name
     parts, keyword_only = [], False
     for p in inspect.signature(value).parameters.values():
-        if p.name in ("self", "cls", "progress", "executor"):
+        if p.name in ("self", "cls"):
             continue
         if p.kind is p.KEYWORD_ONLY and not keyword_only:
             parts.append("*")

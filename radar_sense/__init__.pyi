@@ -7,6 +7,7 @@ from radar_sense.command import Result as Result
 from radar_sense.errors import ComputationError as ComputationError
 from radar_sense.errors import FigureError as FigureError
 from radar_sense.errors import InputError as InputError
+from radar_sense.flight import Path as Path
 from radar_sense.flight import States as States
 from radar_sense.model.antenna import ElevationGain as ElevationGain
 from radar_sense.model.antenna import Mask as Mask
@@ -14,6 +15,7 @@ from radar_sense.model.detection_model import DetectionModel as DetectionModel
 from radar_sense.model.detection_model import Linearization as Linearization
 from radar_sense.model.detectors import BinaryIntegration as BinaryIntegration
 from radar_sense.model.detectors import CellAveraging as CellAveraging
+from radar_sense.model.detectors import Detector as Detector
 from radar_sense.model.detectors import Marcum as Marcum
 from radar_sense.model.detectors import North as North
 from radar_sense.model.detectors import OrderedStatistics as OrderedStatistics

@@ -479,11 +479,13 @@ def init(file: Path, name: str | None, quiet: bool, **kinds: bool) -> None:
     except (OSError, ValueError) as error:  # ValueError: a zero byte in a name
         raise click.UsageError(f"{file}: cannot be written: {reason(error)}") from error
     if not quiet:
+        from shlex import quote
+
         first, *others = map(str, paths)
         beside = f", with {' and '.join(others)}" if others else ""
         folder = f"; the folder {file.parent} is new" if new_folder else ""
         click.echo(printable(f"{first} written{beside}{folder}"))
-        click.echo(printable(f"next: radar-sense check {first}"))
+        click.echo(printable(f"next: radar-sense check {quote(first)}"))
 
 
 @cli.command(cls=OneCommand)

@@ -248,8 +248,8 @@ class Result:
 
         Args:
             folder: Folder of the files; made if missing.
-            formats: Formats of the figure: png, pdf, svg; of a map also geojson. () writes no
-                figure.
+            formats: Formats of the figure, if there is one: png, pdf, svg; of a map also geojson.
+                () writes no figure.
             style: Size of the figure: one-column, two-columns, slides, paper (IEEE).
             command: The command line, for the record.
 
@@ -263,6 +263,7 @@ class Result:
             InputError: If the result cannot have a format. No file is written then.
         """
         allowed = (*FORMATS, *self.exports)
+        formats = (formats,) if isinstance(formats, str) else formats
         for name in formats:
             check_choice("format", name, allowed)
         check_choice("style", style, STYLES)
@@ -283,8 +284,8 @@ class Result:
         return paths
 
     def figures(self, formats: Sequence[str], style: str = STYLES[0]) -> dict[str, bytes]:
-        """Return the figure in each format, or raise FigureError."""
-        if not formats:
+        """Return the figure in each format, if there is one, or raise FigureError."""
+        if not formats or self.draw is None:
             return {}
         try:
             from radar_sense import plotting
@@ -429,6 +430,9 @@ class Command:
         if "executor" in self.defaults:
             args += "    executor: Computes the blocks of runs in place of threads.\n"
         return f"{about.rstrip()}\n\nArgs:\n{args}{raises}{errors}"
+
+    def __reduce__(self) -> str:
+        return self.run.__name__  # pickled by its name in its module, as a function is
 
     def __repr__(self) -> str:
         return f"<command {self.name}: {self.help.partition(chr(10))[0]}>"

@@ -21,7 +21,7 @@ def parsed(text: str, source: str) -> dict[str, Any]:
     try:
         record = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{source}: is not JSON: {error}") from error
+        raise InputError(f"{source}: is not JSON, as the record of an analysis is") from error
     if not isinstance(record, dict) or not all(
         isinstance(record.get(name), kind) for name, kind in SECTIONS.items()
     ):

@@ -39,6 +39,11 @@ def shorten_list(names: Sequence[str]) -> str:
     return ", ".join(names[:6]) + more
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a number of things, as in "1 radar" and "2 radars"."""
+    return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
 def reason(error: Exception) -> object:
     """Return what an error of the system says, without its number and the name of the file."""
     return getattr(error, "strerror", None) or error

@@ -207,6 +207,12 @@ class Path(Geometry):
     sea_level: float = 0.0
     shortest = 0.2
 
+    @classmethod
+    def of(cls, time_s: ArrayLike, aircraft: ArrayLike, covariance: ArrayLike = CERTAIN) -> Path:
+        """Return a path from times (n,) [s], states (n, 6), and C_aa (6, 6) or (n, 6, 6)."""
+        time, states = real_array("time_s", time_s), real_array("aircraft", aircraft)
+        return cls(axes.time(time), states, real_array("covariance", covariance), time_s=time)
+
     @property
     def continuous(self) -> bool:
         """Whether there are poses between the poses: with two poses or more."""

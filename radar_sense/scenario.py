@@ -42,6 +42,7 @@ from radar_sense.states import (
     RADAR,
     RCS_ERROR,
     FloatArray,
+    aircraft_states,
     check_finite,
     component,
     read_only,
@@ -109,7 +110,10 @@ class Scenario:
     def __post_init__(self) -> None:
         object.__setattr__(self, "radars", self.model.radars)
         if not isinstance(self.geometry, Geometry):
-            raise InputError(f"geometry must be a Geometry, got {describe(self.geometry)}")
+            raise InputError(
+                "geometry must be poses or a path, States.of(aircraft) or Path.of(time_s, "
+                f"aircraft), got {describe(self.geometry)}"
+            )
         object.__setattr__(self, "geometry", _read_only(self.geometry))
         self._check_radars()
         if not self.level:
@@ -317,7 +321,7 @@ class Scenario:
         All states have the covariance of the first pose, relative to north, east and down at the
         aircraft. The values are not checked.
         """
-        states, origin = aircraft.reshape(-1, len(AIRCRAFT)), self.origin
+        states, origin = aircraft_states(aircraft).reshape(-1, len(AIRCRAFT)), self.origin
         along, covariance = axes.pose_number(len(states)), self.cov_aircraft
         if covariance.ndim == 3:
             covariance = covariance[0]
@@ -349,7 +353,10 @@ class Scenario:
         """
         source = self.source
         if source is None or not self._is_as_made:
-            raise InputError("keys can be changed of a scenario that is as its file made it")
+            raise InputError(
+                "keys can be changed only of a scenario that is as its file made it: change them "
+                "before at_poses or at_states"
+            )
         kept = [n for n in _CHOICES if not {"analysis", f"analysis.{n}"} & changes.keys()]
         changed = source.again(changes).with_analysis(**{n: getattr(self, n) for n in kept})
         names = self.model.names

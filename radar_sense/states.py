@@ -138,18 +138,36 @@ class ReadOnly:
                 value.flags.writeable = False
 
 
+def common_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape of poses that shapes of poses broadcast to."""
+    try:
+        return np.broadcast_shapes(*shapes)
+    except ValueError as error:
+        each = ", ".join(map(str, shapes))
+        raise InputError(
+            f"shapes of poses must broadcast against each other, got {each} for states and "
+            "covariances"
+        ) from error
+
+
+def aircraft_states(values: ArrayLike) -> FloatArray:
+    """Return states of the aircraft (..., 6) as an array, of which only the shape is checked."""
+    states = real_array("aircraft states", values)
+    if states.shape[-1:] != (len(AIRCRAFT),):
+        raise InputError(
+            f"aircraft states must have shape (..., {len(AIRCRAFT)}) for {', '.join(AIRCRAFT)}, "
+            f"got {states.shape}"
+        )
+    return states
+
+
 def checked_states(
     aircraft: ArrayLike, radar: ArrayLike, radars: int = 1
 ) -> tuple[FloatArray, FloatArray]:
     """Return states of the aircraft (..., 6), and of the radars (..., 4m) or (..., 7m), checked."""
-    aircraft = real_array("aircraft states", aircraft)
-    if aircraft.shape[-1:] != (len(AIRCRAFT),):
-        raise InputError(
-            f"aircraft states must have shape (..., {len(AIRCRAFT)}) for {', '.join(AIRCRAFT)}, "
-            f"got {aircraft.shape}"
-        )
-    radar = real_array("radar states", radar)
+    aircraft, radar = aircraft_states(aircraft), real_array("radar states", radar)
     of_each(radar, radars)
+    common_shape(aircraft.shape[:-1], radar.shape[:-1])
     check_finite("aircraft", aircraft)
     check_finite("radar", radar, radars)
     constants = radar[..., CONSTANT :: radar.shape[-1] // radars]

@@ -34,6 +34,7 @@ from radar_sense.states import (
     RADAR_AND_ERRORS,
     FloatArray,
     checked_states,
+    common_shape,
     component,
     of_radar,
     slices,
@@ -348,7 +349,7 @@ def uncertain_states(
     c_aa = checked("aircraft", cov_aircraft, x_a.shape[-1])
     c_rr = checked("radar", cov_radar, x_r.shape[-1])
     x_r, c_rr = with_errors(x_r, m), with_errors(c_rr, m, 2)
-    shape = np.broadcast(x_a[..., 0], x_r[..., 0], c_aa[..., 0, 0], c_rr[..., 0, 0]).shape
+    shape = common_shape(x_a.shape[:-1], x_r.shape[:-1], c_aa.shape[:-2], c_rr.shape[:-2])
 
     def rows(array: FloatArray, axes: int) -> FloatArray:
         """Return a row for each pose, or one row that all poses have."""

@@ -125,7 +125,7 @@ def without_pixels(patch, then=lambda figure: figure):
 def some_poses(patch, count=5):
     """Let scenarios be read at some of their poses, about as many as `count`."""
 
-    def few(path=None, changes=()):
+    def few(path=None, changes=None):
         read = load_scenario(path, changes)
         return read.at_poses(slice(0, None, max(1, len(read.axis) // (count - 1))))
 

@@ -42,8 +42,16 @@ def propagated(of=MODEL, **options):
     return rs.propagate(of, **{**{name: getattr(PAPER, name) for name in names}, **options})
 
 
+class Half:
+    """A detector that lacks the probit."""
+
+    def p_d(self, snr, p_fa):
+        return snr * p_fa
+
+
 WRONG = {
     "detector must be a detector such as Marcum(), got 'marcum'": lambda: model(detector="marcum"),
+    "detector has no linearize_probit, which a detector has": lambda: model(detector=Half()),
     "rcs must be an RCS model": lambda: model(rcs=rs.ConstantRCS),
     "p_fa must be a number greater than 0 and less than 1, got '1e-4'": lambda: model(p_fa="1e-4"),
     "a must be a number greater than 0, got -1": lambda: rs.EllipsoidRCS(a=-1, b=1, c=1),
@@ -66,7 +74,24 @@ WRONG = {
     "radars must be of class Radar": lambda: rs.NetworkModel((MODEL,)),
     "radars must be a tuple of one radar or more, got <Radar": lambda: scenario(radars=RADAR),
     "radars must be of class Radar, got 3": lambda: scenario(radars=[3]),
-    "geometry must be a Geometry, got 'orbit'": lambda: scenario(geometry="orbit"),
+    "geometry must be poses or a path, States.of(aircraft) or Path.of(time_s, aircraft), got "
+    "'orbit'": lambda: scenario(geometry="orbit"),
+    "shapes of poses must broadcast against each other, got (3,), (2,) for": (
+        lambda: MODEL.p_d(np.ones((3, 6)), np.ones((2, 4)))
+    ),
+    "shapes of poses must broadcast against each other, got (361,), (), (4,), ()": (
+        lambda: propagated(cov_aircraft=np.stack([np.eye(6)] * 4))
+    ),
+    "shapes of poses must broadcast against each other, got (361,), (4,), ()": (
+        lambda: MODEL.linearize(PAPER.aircraft, PAPER.radar).std([np.eye(6)] * 4, np.eye(4))
+    ),
+    "path must be the name of a file; parse_scenario reads text": (
+        lambda: rs.load_scenario("name: a\nradar: {}\n")
+    ),
+    "std must be a number not less than 0, got -1": lambda: rs.Tolerance("a", 1, -1, 1, True),
+    "aircraft states must have shape (..., 6) for north": lambda: PAPER.at_states(np.ones((1, 3))),
+    "aircraft states must be an array of numbers": lambda: PAPER.at_states([[1, 2], [3]]),
+    "changes must be values by key, got ['a=1']": lambda: rs.load_scenario(None, ["a=1"]),
     "axis must be an Axis": lambda: path(axis="azimuth"),
     "time_s must increase from pose to pose": lambda: path(time_s=np.zeros(len(PATH.axis))),
     "origin must be latitude and longitude [rad] and height [m]": lambda: path(origin=(1, 2)),

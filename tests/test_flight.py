@@ -45,6 +45,17 @@ def test_a_path_at_other_times(tmp_path):
     np.testing.assert_allclose(found.axis.values, [500, 1000 + math.hypot(4000, 1000) / 2])
 
 
+def test_a_path_of_arrays_is_that_of_a_file(tmp_path):
+    s = rs.load_scenario(write_path(tmp_path, ROUTE, radar__scan_period_s=7))
+    path = rs.Path.of([0, 10, 30], s.aircraft, s.cov_aircraft)
+    made = rs.Scenario(radars=s.radars, geometry=path, level=s.level, method=s.method)
+    for command, options in (("variance", {"threshold": 0.5}), ("mission", {}), ("budget", {})):
+        here, there = (getattr(rs.analyses, command)(one, **options) for one in (made, s))
+        assert here.report == there.report
+        for name, column in there.table.items():
+            np.testing.assert_array_equal(here.table[name], column)
+
+
 def test_there_is_no_flight_between_states():
     s = scenario().at_poses(slice(0, 9))
     assert isinstance(s.geometry, States)

@@ -9,6 +9,7 @@ import numpy as np
 
 from radar_sense import files
 from radar_sense.command import Result, command
+from radar_sense.errors import counted
 from radar_sense.flight import Path
 from radar_sense.limits import DEG
 from radar_sense.model.geometry import slant_range
@@ -75,11 +76,11 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
 def _constants(scenario: Scenario) -> list[str]:
     """Return the number of poses, and the radar constants with their distributions."""
     names, constants = scenario.model.names, scenario.radar_states[:, CONSTANT]
-    poses = f"{len(scenario.aircraft)} poses"
+    poses = counted(len(scenario.aircraft), "pose")
     shown = [f"c_r = {constant:g} J m^2/K" for constant in constants]
     lines = [f"{poses}, {shown[0]}"]
     if names:
-        lines = [f"{poses}, {len(names)} radar{'s' if len(names) > 1 else ''}"]
+        lines = [f"{poses}, {counted(len(names), 'radar')}"]
         lines += [f"{name}: {text}" for name, text in zip(names, shown, strict=True)]
     prefixes = [f"{name}, " for name in names] if len(names) > 1 else [""]
     for level in scenario.levels:

@@ -12,7 +12,7 @@ import numpy as np
 from radar_sense.analyses.margin import OPTIONS, margin
 from radar_sense.analyses.verdict import K
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Axes, Figure, Result, Table, command
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, counted
 from radar_sense.model.detectors import (
     DETECTORS,
     Detector,
@@ -209,7 +209,7 @@ def _draw_slopes(axes: Axes, table: Table, p_fa: float) -> None:
         at_half = np.interp(half[n], snr_db, slopes[n])
         side = 1 if half[n] < 15.0 else -1  # where the label has room
         axes.plot(half[n], at_half, "o", color=style[0], markersize=plotting.points(4))
-        text = f"{n} pulse{'s' if n > 1 else ''}: {at_half:.3f}"
+        text = f"{counted(n, 'pulse')}: {at_half:.3f}"
         plotting.note(axes, text, (half[n], at_half), 9.0 * side, 0.0, color=style[0])
         if n > 1:
             # One pulse, with the gain of integration added to the signal-to-noise ratio.

@@ -33,7 +33,7 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.cost import foresee
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, counted
 from radar_sense.limits import RUNS, WINDOW, Limit
 from radar_sense.mission.bounds import Cumulative
 from radar_sense.mission.draws import MissionDraws, draw_missions
@@ -326,10 +326,10 @@ def _describe_looks(looks: Looks) -> str:
         if math.isinf(tau)
         else f"correlated over {tau:g} s"
     )
-    number = f"{len(axis)} looks"
+    number = counted(len(axis), "look")
     if len(looks.schedule.radars) > 1:
-        count = np.count_nonzero(looks.schedule.looks)
-        number = f"{count} looks at {len(axis)} time{'s' if len(axis) > 1 else ''}"
+        count = int(np.count_nonzero(looks.schedule.looks))
+        number = f"{counted(count, 'look')} at {counted(len(axis), 'time')}"
     first, last = axis.number(axis.values[0]), axis.at(-1)
     return f"{number}, {first} to {last}, every {periods} s; pose errors {errors}"
 

@@ -153,7 +153,11 @@ def _add_tests(
     for tested in tests:
         above = tested.decision.runs
         share = words.probability(above.probability.max())
-        shown = f"{share} at most" if above.counts.max() else f"in none of {above.runs:,} runs"
+        shown = (
+            f"{share} where it is highest"
+            if above.counts.max()
+            else f"in none of {above.runs:,} runs"
+        )
         chance = f"P(P_D > {tested.test.p_max:g}) {shown}"
         if not tested.path.resolved:
             chance = refinement.unresolved()

@@ -20,6 +20,7 @@ from radar_sense.command import (
     Result,
     command,
 )
+from radar_sense.errors import counted
 from radar_sense.montecarlo.adaptive import DIGITS, MOST_DRAWS, Verdict, judge
 from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
 from radar_sense.montecarlo.statistics import DrawStatistics
@@ -118,7 +119,7 @@ def _report(
     axis, method = result.scenario.axis, result.method
     without = np.isnan(verdict.values).any(axis=0)
     agree = np.count_nonzero(verdict.agrees)
-    to = f"{digits} significant digit{'s' if digits > 1 else ''} of sigma"
+    to = f"{counted(digits, 'significant digit')} of sigma"
     masks = {
         f"{method} agrees with draws": verdict.agrees & np.full(len(axis), result.passed),
         f"{method} does NOT agree with draws": verdict.differs & ~without,

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.cost import EVALUATIONS, foresee
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, counted
 from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import join
@@ -249,7 +249,7 @@ def _foresee(cells: Grid, evaluations: float, workers: int) -> None:
     rows, columns = cells.shape
     radars = len(cells.scenario.model.radars)
     foresee(
-        f"{rows:,} x {columns:,} cells of {radars} radar{'s' if radars > 1 else ''}",
+        f"{rows:,} x {columns:,} cells of {counted(radars, 'radar')}",
         rows * columns * radars * evaluations,
         less="cells of a longer --step-km",
         workers=workers,

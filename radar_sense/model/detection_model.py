@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar_sense.covariance import checked, variance_along
-from radar_sense.errors import InputError
 from radar_sense.limits import NOT_NEGATIVE, Limit, check_number, check_parameters, declared
 from radar_sense.model.antenna import ElevationGain
-from radar_sense.model.detectors import Detector, North, linearize
+from radar_sense.model.detectors import Detector, North, check_detector, linearize
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS, snr
 from radar_sense.model.rcs import RCS, check_rcs, linearize_with_error, with_error
@@ -34,6 +33,7 @@ from radar_sense.states import (
     FloatArray,
     blocks,
     checked_states,
+    common_shape,
 )
 
 #: R² [m²] at which aircraft and radar coincide. The square of this does not underflow.
@@ -76,9 +76,10 @@ class Linearization:
             InputError: If a covariance has another shape, or is not finite, symmetric and positive
                 semidefinite.
         """
+        c_aa, c_rr = checked("aircraft", cov_aircraft), checked("radar", cov_radar)
+        common_shape(self.p_d.shape, c_aa.shape[:-2], c_rr.shape[:-2])
         return np.sqrt(
-            variance_along(self.jac_aircraft, checked("aircraft", cov_aircraft))
-            + variance_along(self.jac_radar, checked("radar", cov_radar))
+            variance_along(self.jac_aircraft, c_aa) + variance_along(self.jac_radar, c_rr)
         )
 
 
@@ -113,8 +114,7 @@ class DetectionModel:
         object.__setattr__(self, "p_fa", p_fa)
         check_parameters(self)
         check_rcs(self.rcs)
-        if not hasattr(self.detector, "linearize_probit") or isinstance(self.detector, type):
-            raise InputError(f"detector must be a detector such as Marcum(), got {self.detector!r}")
+        check_detector(self.detector)
 
     @property
     def has_spread(self) -> bool:

@@ -19,13 +19,13 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, ndtri_exp
 
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, describe
 from radar_sense.limits import Limit, check_number, check_parameters, parameter
 from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tails
 from radar_sense.model.normal import density, hazard
@@ -39,7 +39,10 @@ _LOOKS = Limit(at_least=1, at_most=100, whole=True)
 
 
 class Detector(Protocol):
-    """The methods of every detector. S is (...) and not negative."""
+    """What every detector has. A class of one's own that has it needs no base class.
+
+    S is (...) and not negative.
+    """
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
         """Return P_D (...)."""
@@ -48,6 +51,18 @@ class Detector(Protocol):
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
         """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
         ...
+
+
+def check_detector(detector: Any) -> None:
+    """Raise InputError unless an object has the methods of a detector."""
+    needed = ("p_d", "linearize_probit")
+    missing = [name for name in needed if not hasattr(detector, name)]
+    if isinstance(detector, type) or len(missing) == len(needed):
+        raise InputError(f"detector must be a detector such as Marcum(), got {describe(detector)}")
+    if missing:
+        raise InputError(
+            f"detector has no {missing[0]}, which a detector has, got {describe(detector)}"
+        )
 
 
 D = TypeVar("D", bound=type[Detector])

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from radar_sense.errors import InputError, shorten_list
+from radar_sense.errors import InputError, counted, shorten_list
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.fusion import UNSEEN, either, fuse_probits, linearize_fusion, slopes_of_p_d
 from radar_sense.model.geometry import join
@@ -84,7 +84,7 @@ class NetworkModel:
         """The number of radars, and names of radars."""
         count = len(self.radars)
         names = f" ({shorten_list(self.names)})" if self.names else ""
-        return f"{count} radar{'s' if count > 1 else ''}{names}"
+        return f"{counted(count, 'radar')}{names}"
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Return which radars (..., m) see the aircraft."""

@@ -16,6 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.special import ndtr
 
+from radar_sense.limits import NOT_NEGATIVE, check_number
 from radar_sense.model.radar_equation import LOSSES_KEY, MOST_NEPERS, NEPERS, RADARS
 from radar_sense.states import FloatArray
 
@@ -55,6 +56,9 @@ class Tolerance:
     decibels: bool
     rectangular: bool = False
     shared: str = ""
+
+    def __post_init__(self) -> None:
+        check_number("std", self.std, NOT_NEGATIVE)
 
     @property
     def name(self) -> str:

@@ -51,9 +51,12 @@ def rcs_model(name: str) -> Callable[[C], C]:
 
 
 class RCS(Protocol):
-    """What every RCS model has. A class of one's own that has it needs no base class."""
+    """What every RCS model has. A class of one's own that has it needs no base class.
 
-    #: Whether σ_r is the same at all aspects. The attitude is not used then.
+    Attributes:
+        isotropic: Whether σ_r is the same at all aspects. The attitude is not used then.
+    """
+
     isotropic: ClassVar[bool]
 
     @property

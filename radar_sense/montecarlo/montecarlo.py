@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.cost import foresee
-from radar_sense.errors import InputError, describe
+from radar_sense.errors import InputError, counted, describe
 from radar_sense.limits import SIGMAS, WORKERS, check_number
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler, clipped
@@ -163,14 +164,7 @@ def monte_carlo(
     slack = ROUNDING * abs(band.p_d)
     lower, upper = band.lower - slack, band.upper + slack
 
-    def draw(block: int) -> tuple[Statistics, FloatArray, int, FloatArray]:
-        p_d, of_block = draw_block(drawing, source, block, runs)
-        statistics = Statistics(poses, runs, tail)
-        statistics.add(p_d)
-        inside = np.count_nonzero((p_d >= lower) & (p_d <= upper), axis=0)
-        sample_paths = p_d[: max(0, shown - block * runs_per_block)]
-        return statistics, inside, of_block, sample_paths.copy()
-
+    draw = partial(_draw, drawing, source, runs, shown, (lower, upper), tail)
     total, all_inside, all_clipped, paths = Statistics(poses, runs, tail), np.zeros(poses), 0, []
     blocks = math.ceil(runs / runs_per_block)
     for statistics, inside, of_block, sample_paths in in_order(draw, blocks, workers, executor):
@@ -192,6 +186,26 @@ def monte_carlo(
     )
 
 
+def _draw(
+    drawing: Sampler,
+    source: Source,
+    runs: int,
+    shown: int,
+    band: tuple[FloatArray, FloatArray],
+    tail: float,
+    block: int,
+) -> tuple[Statistics, FloatArray, int, FloatArray]:
+    """Return statistics of a block, how many are within a band, clipped, and the runs shown.
+
+    It is no function within another, which an executor of processes could not pickle.
+    """
+    p_d, of_block = draw_block(drawing, source, block, runs)
+    statistics = Statistics(p_d.shape[1], runs, tail)
+    statistics.add(p_d)
+    inside = np.count_nonzero((p_d >= band[0]) & (p_d <= band[1]), axis=0)
+    return statistics, inside, of_block, p_d[: max(0, shown - block * source.runs)].copy()
+
+
 def _require_possible(
     scenario: Scenario, sampler: str, workers: int, executor: Executor | None, tail: float
 ) -> None:
@@ -202,5 +216,5 @@ def _require_possible(
         raise InputError(f"executor must be an Executor, got {describe(executor)}")
     check_sampler(sampler, runs)
     Statistics(poses, runs, tail)
-    what = f"{runs:,} runs of {poses:,} poses and {radars} radar{'s' if radars > 1 else ''}"
+    what = f"{runs:,} runs of {poses:,} poses and {counted(radars, 'radar')}"
     foresee(what, float(runs) * poses * radars, less="fewer --runs", workers=workers)

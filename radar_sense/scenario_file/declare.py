@@ -383,7 +383,8 @@ def number(limit: Limit, *, infinite: bool = False) -> Kind:
         if NOT_FINITE.fullmatch(text) and not infinite:
             raise place.error(f"must be finite, and {limit}, got {text}")
         if len(text) > MAX_DIGITS or not NUMBER.fullmatch(text):
-            raise place.wrong(allowed, advice(text, limit))
+            quoted = not text and NUMBER.fullmatch(place.text or "")
+            raise place.wrong(allowed, "; leave out the quotes" if quoted else advice(text, limit))
         value = int(text) if limit.whole and _is_whole(text) else Typed(text)
         if not limit.allows(value):
             raise place.wrong(allowed)

@@ -41,6 +41,8 @@ def load_scenario(
     """
     if path is None:
         return parse_scenario(default_text(), "paper.yaml", changes)
+    if {":", "\n"} <= {*str(path)}:
+        raise InputError("path must be the name of a file; parse_scenario reads text")
     return parse_scenario(read_text(path, "a scenario file", MAX_BYTES), str(path), changes)
 
 
@@ -60,6 +62,8 @@ def parse_scenario(
     """
     if not isinstance(text, str):
         raise InputError(f"text must be YAML as text, got {describe(text)}")
+    if not isinstance(changes, Mapping | None):
+        raise InputError(f"changes must be values by key, got {describe(changes)}")
     root = parse(text, source)
     for key, value in (changes or {}).items():
         words = value if isinstance(value, str) else json.dumps(value, default=_plain)

@@ -290,8 +290,9 @@ def _above_ellipsoid(track: Track, stated: sections.Path) -> float:
         raise track.error(f"altitude_above: must be {allowed} for this file, got {above}")
     if above == "ellipsoid":
         if height is not None and stated.altitude_above is None:
+            others = " or ".join(other for other in track.altitudes if other != above)
             raise track.error(
-                "geoid_height_m needs altitude_above: sea for altitudes above the sea, or "
+                f"geoid_height_m needs altitude_above: {others} for altitudes above the sea, or "
                 "ellipsoid for a sea level of the horizon alone"
             )
         return 0.0

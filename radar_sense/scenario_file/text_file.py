@@ -24,6 +24,7 @@ NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?", re.A
 NOT_FINITE = re.compile(r"[-+]?\.?(inf|infinity|nan)", re.IGNORECASE)
 _CLOCK = re.compile(r"([0-9]{1,4}):([0-5]?[0-9]):([0-5]?[0-9](?:\.[0-9]*)?)", re.ASCII)
 _DATE_TIME = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:", re.ASCII)
+_THOUSANDS = re.compile(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}", re.ASCII)
 _UNITS = "m|km|ft|m/s|km/h|kt|s|ms|min|h|deg|°|m2|m²|db|dbsm|w|kw|mw|hz|khz|mhz|ghz|k"
 _WITH_UNIT = re.compile(rf"{NUMBER.pattern}\s*({_UNITS})", re.IGNORECASE)
 
@@ -165,7 +166,9 @@ def advice(text: str, limit: Limit) -> str:
         share = f"{float(text[:-1]) / 100:.15g} for {text}"
         return f"; write {share}" if is_share else "; write the quantity itself, without %"
     if text.count(",") == 1 and NUMBER.fullmatch(text.replace(",", ".")):
-        return f"; write {text.replace(',', '.')} for {text}"
+        # three digits after it, and a comma is as likely between thousands
+        thousands = f"{text.replace(',', '')} or " if _THOUSANDS.fullmatch(text) else ""
+        return f"; write {thousands}{text.replace(',', '.')} for {text}"
     if _WITH_UNIT.fullmatch(text):
         return "; leave out the unit, it is in the name"
     return ""

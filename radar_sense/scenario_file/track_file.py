@@ -300,7 +300,7 @@ def read_state_vectors(file: TableFile, *, pressure: bool, icao24: str | None) -
         file.line,
         np.array(lines, dtype=np.int64),
         numbers[:, 1:] * _UNITS,
-        ("pressure",) if pressure else ("ellipsoid",),
+        ("ellipsoid", "pressure"),
         numbers[:, 0] - numbers[0, 0],
         moment,
     )

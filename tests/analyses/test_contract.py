@@ -186,6 +186,18 @@ def test_a_result_is_pickled_with_its_figure():
     assert again.plot().axes
 
 
+def test_a_result_without_a_figure_is_saved(tmp_path):
+    """The format may be one word, too."""
+    saved = rs.analyses.check(rs.load_scenario()).save(tmp_path, "pdf")
+    assert [path.name for path in saved] == ["paper_check.csv", "paper_check.json"]
+
+
+@pytest.mark.parametrize("name", [*ALL, "check", "report"])
+def test_a_command_is_pickled_by_its_name(name):
+    command = getattr(rs.analyses, name)
+    assert pickle.loads(pickle.dumps(command)) is command
+
+
 def test_a_warning_has_a_name_that_is_explained():
     with pytest.raises(AssertionError):
         words.warning("nameless", "this warning is explained nowhere")

@@ -452,5 +452,5 @@ def test_control_characters_do_not_reach_the_terminal(tool):
         assert "\x1b" not in out + err
         assert "\\x1b[31m" in out + err, args
     assert tool("init", "new" + name).out == (
-        "newa\\x1b[31m\\nb.yaml written\nnext: radar-sense check newa\\x1b[31m\\nb.yaml\n"
+        "newa\\x1b[31m\\nb.yaml written\nnext: radar-sense check 'newa\\x1b[31m\\nb.yaml'\n"
     )

@@ -1,8 +1,10 @@
 """Monte Carlo against integrals, against brute force, and against itself."""
 
 import math
+import pickle
 import threading
 import tracemalloc
+from concurrent.futures import Executor, Future
 
 import chain_rule
 import numpy as np
@@ -201,6 +203,15 @@ def assert_same(one, other):
     assert one.clipped == other.clipped
 
 
+class Elsewhere(Executor):
+    """What is computed goes through a pickle, as to another process."""
+
+    def submit(self, function, /, *args):
+        future = Future()
+        future.set_result(pickle.loads(pickle.dumps(function))(*args))
+        return future
+
+
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_neither_workers_nor_more_runs_change_a_bit(sampler):
     s = load_scenario()
@@ -208,6 +219,8 @@ def test_neither_workers_nor_more_runs_change_a_bit(sampler):
     assert one.sampler == sampler
     for workers in (2, 8):
         assert_same(one, monte_carlo(s, runs=333, sampler=sampler, workers=workers))
+    elsewhere = monte_carlo(s, runs=333, sampler=sampler, executor=Elsewhere())
+    assert_same(one, elsewhere)
     few = monte_carlo(s, runs=40, sampler=sampler)
     np.testing.assert_array_equal(one.sample_paths[:40], few.sample_paths)
 

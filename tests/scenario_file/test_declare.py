@@ -174,13 +174,17 @@ def test_what_is_missing_is_named(text):
 
 #: Texts that are no numbers, as an error shows them.
 NO_NUMBERS = {
-    **{"yes": "'yes'", "'5'": "'5'", "[1, 2]": "a list of 2", "{}": "a mapping", "": "nothing"},
+    **{"yes": "'yes'", "[1, 2]": "a list of 2", "{}": "a mapping", "": "nothing"},
+    "'5'": "'5'; leave out the quotes",
     **{"null": "'null'", "~": "'~'", "1e999": "1e999", "abc": "'abc'", "0x10": "'0x10'"},
     **{"1_000": "'1_000'", "١٢": "'١٢'", "5 5": "'5 5'", "1e400": "1e400", "--1": "'--1'"},
     **{"2001-01-01": "'2001-01-01'", "+": "'+'", ".": "'.'", "1e": "'1e'", "9.9.9": "'9.9.9'"},
 }
 HINTS = {
     "1,5": "; write 1.5 for 1,5",
+    "9,000": "; write 9000 or 9.000 for 9,000",
+    "-20,000": "; write -20000 or -20.000 for -20,000",
+    "0,125": "; write 0.125 for 0,125",
     "5%": "; write the quantity itself, without %",
     "10:00:00": "; write seconds, 36000 for 10:00:00",
     "5 km": "; leave out the unit, it is in the name",
