@@ -18,6 +18,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from radar_sense.cost import EVALUATIONS, foresee
 from radar_sense.errors import InputError, counted
@@ -30,7 +31,7 @@ from radar_sense.progress import report
 from radar_sense.propagation import METHODS
 from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
-from radar_sense.states import ATTITUDE, DOWN, POSITION, YAW, FloatArray, blocks
+from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray, blocks
 
 #: Largest number of cells of a map, which take 100 MB in single precision.
 MAX_CELLS = 25_000_000
@@ -42,6 +43,8 @@ _ON_A_SIDE = 61
 #: of the lobe away from the peak: 3.4 % below the peak of a half sine. Beside a single high node of
 #: a table, it is below the node by 1.5 % of the decibels from the neighbours to the node.
 PER_LOBE = 6
+#: How far a maximum may be above the highest of three samples, in rises of the parabola.
+RISE = 2.0
 #: Steps of the golden section, which shrink the bracket to 1 in 16,000.
 _SECTIONS = 20
 
@@ -205,8 +208,9 @@ def upper_bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
 def worst_p_d_in_cells(cells: Grid, *, workers: int = 1) -> list[Plane]:
     """Return the largest P_D over all headings in each cell, and its heading [deg].
 
-    Every lobe of the RCS has `PER_LOBE` sampled headings. A golden section finds the maximum on the
-    best lobe. The search can miss another lobe that is hardly higher, see `PER_LOBE`.
+    Every lobe of the RCS has `PER_LOBE` sampled headings. A golden section finds the maximum beside
+    every sample that is higher than its neighbours and may be beside the largest P_D, which lobes
+    of nearly the same height may. A parabola of z = Φ⁻¹(P_D) through the three tells, see `RISE`.
     """
     scenario = cells.scenario
     detail = min(model.rcs.detail for model in scenario.model.models)
@@ -216,30 +220,45 @@ def worst_p_d_in_cells(cells: Grid, *, workers: int = 1) -> list[Plane]:
     _foresee(cells, len(headings) + _SECTIONS, workers)
 
     def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
-        turn = None
+        shape, aircraft, turn = aircraft.shape[:-1], aircraft.reshape(-1, len(AIRCRAFT)), None
         if scenario.origin is not None:
-            place = geodesy.geodetic_from_ned(aircraft[..., POSITION], scenario.origin)
+            place = geodesy.geodetic_from_ned(aircraft[:, POSITION], scenario.origin)
             turn = geodesy.turn_to_origin(place, scenario.origin)
 
-        def p_d_at(heading: FloatArray | float) -> FloatArray:
-            aircraft[..., ATTITUDE] = cells.pose[ATTITUDE]
-            aircraft[..., YAW] = heading
+        def z_at(heading: FloatArray | float, rows: NDArray[np.intp] | slice) -> FloatArray:
+            states = aircraft[rows]
+            states[:, ATTITUDE] = cells.pose[ATTITUDE]
+            states[:, YAW] = heading
             if turn is not None:
-                aircraft[..., ATTITUDE] = geodesy.turned_attitude(aircraft[..., ATTITUDE], turn)
-            p_d: FloatArray = scenario.model.p_d(aircraft, scenario.radar)
-            return p_d
+                states[:, ATTITUDE] = geodesy.turned_attitude(states[:, ATTITUDE], turn[rows])
+            z: FloatArray = ndtri(scenario.model.p_d(states, scenario.radar))
+            return z
 
-        best = p_d_at(headings[0])
-        at = np.full(best.shape, headings[0])
-        for heading in headings[1:]:
-            p_d = p_d_at(heading)
-            better = p_d > best
-            best[better], at[better] = p_d[better], heading
-        if len(headings) > 1:
-            maximum, argument = golden_section(p_d_at, at - step, at + step, _SECTIONS)
-            better = maximum > best
-            best[better], at[better] = maximum[better], argument[better]
-        return best, np.rad2deg(np.mod(at, 2.0 * np.pi))
+        before, here = (z_at(heading, slice(None)) for heading in (-step, 0.0))
+        best, at = here.copy(), np.zeros(len(here))
+        promising: list[tuple[NDArray[np.intp], FloatArray, FloatArray]] = []
+        for heading in headings if count > 1 else ():
+            after = z_at(heading + step, slice(None))
+            better = here > best
+            best[better], at[better] = here[better], heading
+            with np.errstate(divide="ignore", invalid="ignore"):
+                rise = (after - before) ** 2 / (8.0 * (2.0 * here - before - after))
+                may = (here >= before) & (here > after) & (here + RISE * rise >= best)
+            rows = np.flatnonzero(may)
+            promising.append((rows, np.full(len(rows), heading), (here + RISE * rise)[rows]))
+            before, here = here, after
+        if promising:
+            rows, heading, most = map(np.concatenate, zip(*promising, strict=True))
+            still = most >= best[rows]
+            rows, heading = rows[still], heading[still]
+            found, argument = golden_section(
+                lambda x: z_at(x, rows), heading - step, heading + step, _SECTIONS
+            )
+            order = np.argsort(found)  # of several in a cell the largest is the last
+            order = order[found[order] > best[rows[order]]]
+            best[rows[order]], at[rows[order]] = found[order], argument[order]
+        degrees = np.rad2deg(np.mod(at, 2.0 * np.pi))
+        return ndtr(best).reshape(shape), degrees.reshape(shape)
 
     return _in_cells(cells, planes, workers)
 

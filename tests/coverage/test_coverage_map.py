@@ -193,6 +193,30 @@ def test_the_worst_heading_is_that_of_brute_force(rcs, attitude):
         assert np.all(area.p_d_in_cells(area.grid(s, course=course, **sides))[0] <= largest)
 
 
+@pytest.mark.parametrize(
+    ("second", "lower", "other"), [(209.47, 10.198, 299.68), (200.58, 10.12, 299), (204, 10.2, 298)]
+)
+def test_of_two_lobes_the_higher_one_is_found(tmp_path, second, lower, other):
+    """The samples show the lower one higher: they miss the peak of the other. P_D is steep."""
+    nodes = [a for a in range(0, 360, 10) if abs(a - second) > 6 and a != 300]
+    rows = [(a, lower if a == 90 else -10.0) for a in [*nodes, other]] + [(second, 10.3)]
+    (tmp_path / "two.csv").write_text(csv_text("azimuth_deg,rcs_dbsm", sorted(rows)))
+    content = document(
+        aircraft__rcs={"model": "table", "file": "two.csv"},
+        aircraft__attitude_deg=[0, 0, 0],
+        radar__detector={"model": "marcum", "pulses": 100},
+        radar__constant=2e-7,
+        radar__p_fa=1e-6,
+    )
+    (tmp_path / "map.yaml").write_text(yaml_text(content))
+    s = rs.load_scenario(tmp_path / "map.yaml")
+    cells = area.grid(s, north_km=(24, 26), east_km=(0, 2), step_km=1)
+    found, _ = area.worst_p_d_in_cells(cells)
+    expected = brute_force(s, cells)
+    assert 0.05 < expected.min() < 0.9
+    np.testing.assert_allclose([found[cell] for cell in TRIED], expected, atol=1e-4)
+
+
 def test_the_worst_heading_of_a_network_on_the_round_earth():
     """Radars whose lobes are at different headings; the heading is relative to each cell."""
     s = rs.load_scenario(CONFIGS / "corridor.yaml")
