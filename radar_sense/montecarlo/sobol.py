@@ -96,14 +96,19 @@ def sobol_indices(
     means, variances, firsts, totals = (np.stack(v) for v in zip(*replicates, strict=True))
     constant = variances.mean(axis=0) == 0
     firsts[..., constant] = totals[..., constant] = np.nan
+    # the mean of ratios of few samples would be biased, so the ratio of the means is taken
+    with np.errstate(invalid="ignore"):
+        weights = (variances / variances.mean(axis=0))[:, np.newaxis]
+    first, total = ((weights * index).mean(axis=0) for index in (firsts, totals))
     first_error, total_error, variance_error = (
-        found.std(axis=0, ddof=1) / np.sqrt(REPLICATES) for found in (firsts, totals, variances)
+        found.std(axis=0, ddof=1) / np.sqrt(REPLICATES)
+        for found in (weights * (firsts - first), weights * (totals - total), variances)
     )
     return SobolIndices(
         mean=means.mean(axis=0),
-        variance=variances.mean(axis=0),
-        first=firsts.mean(axis=0),
-        total=totals.mean(axis=0),
+        variance=np.where(constant, 0.0, variances.mean(axis=0) + means.var(axis=0)),
+        first=first,
+        total=total,
         first_error=first_error,
         total_error=total_error,
         variance_error=variance_error,

@@ -5,7 +5,8 @@ cells to the right of the named columns, and text after a `#` are ignored. A cel
 double quotes. All numbers are finite and have ASCII digits.
 
 Numbers between semicolons may have decimal commas. Then all numbers of the file have decimal
-commas, because 1.234 could be one thousand.
+commas, because 1.234 could be one thousand. State vectors of ADS-B, which programs write, have
+decimal points only.
 """
 
 from __future__ import annotations

@@ -64,6 +64,26 @@ def test_standard_errors_are_the_spread_over_seeds():
             assert mean_error == pytest.approx(np.std(found, ddof=1), rel=4 * 0.098)
 
 
+def test_few_samples_have_hardly_a_bias():
+    """exp(0.8 a) (1 + 0.3 b), of which the moments of both factors are known; 32 samples."""
+    indices = [
+        sobol_indices(
+            lambda u, _: (np.exp(0.8 * u[:, 0]) * (1 + 0.3 * u[:, 1]))[np.newaxis],
+            [[0], [1]],
+            outputs=1,
+            samples=32,
+            seed=seed,
+        )
+        for seed in range(150)
+    ]
+    square, spread = np.exp(0.64), np.exp(0.64) * (np.exp(0.64) - 1)
+    variance = (spread + square) * 1.09 - square
+    total = np.array([1.09 * spread, 0.09 * (spread + square)]) / variance
+    found = np.mean([one.total[:, 0] for one in indices], axis=0)
+    np.testing.assert_allclose(found, total, atol=0.09)  # means of ratios would be off by 0.15
+    assert np.mean([one.variance for one in indices]) == pytest.approx(variance, rel=0.15)
+
+
 @pytest.mark.parametrize("values", [1, 1000, 10**7])
 def test_blocks_of_outputs_do_not_change_a_bit(monkeypatch, values):
     """Nine outputs in blocks of two: SciPy rounds a single last output differently."""
