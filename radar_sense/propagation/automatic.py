@@ -143,9 +143,18 @@ class Automatic(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        by_form, staged = self._form.moments, self._staged_at(BETA)
-        drawn, confirmed, _ = judged(staged, by_form, of_moments, to_precision=True)
-        mean, std = np.where(confirmed, by_form, drawn.moments[0])
+        by_form, staged = np.stack(self._form.moments), self._staged_at(BETA)
+        found, confirmed, _ = judged(staged, by_form, of_moments, to_precision=True)
+        drawn, errors, tolerance, _ = of_moments(found)
+        difference, noise = drawn - by_form, ERRORS * errors
+        # up to the end of what is confirmed a value moves over to the draws: a step would look like
+        # a peak
+        end = np.maximum(tolerance - noise, 0.0)
+        start = np.maximum(0.5 * end, np.minimum(noise, end))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = (abs(difference) - start) / (end - start)
+        share = np.clip(np.nan_to_num(share), 0.0, 1.0)
+        mean, std = np.where(confirmed, by_form + share * difference, drawn)
         return mean, std
 
     def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:

@@ -203,9 +203,25 @@ def test_automatic_is_form_where_nothing_is_nonlinear(level):
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 2.5})
     s = s.with_analysis(level=level)
     found, form = (propagate_scenario(s, method=method) for method in ("automatic", "form"))
-    for name in ("p_d", "mean", "std", "lower", "upper"):
+    for name in ("p_d", "lower", "upper"):
         assert_array_equal(getattr(found, name), getattr(form, name))
     assert_array_equal(found.error, 0.0)
+    for name in ("mean", "std"):  # by chance a value leans towards the draws
+        assert np.mean(getattr(found, name) == getattr(form, name)) > 0.95
+        assert_allclose(getattr(found, name), getattr(form, name), rtol=0.01)
+
+
+def test_sigma_has_no_step_where_draws_begin_to_replace_form():
+    """At 90 deg FORM is 3 % too high, and confirmed; at 88 deg it is not: no false peak."""
+    s = rs.load_scenario(CONFIGS / "gap_fillers.yaml").at_poses(slice(38, 48))
+    assert s.axis.values.tolist() == list(range(76, 96, 2))
+    truth = estimate(s.states(), 2**18, BETA).moments[0][1]
+    form, found = Form(s.states()).moments[1], Automatic(s.states()).moments[1]
+    assert abs(form / truth - 1).max() > 0.03
+    assert_allclose(found, truth, rtol=0.025)
+    assert np.argmax(found) == np.argmax(truth) == 5
+    assert np.all(np.diff(found)[:5] > 0)
+    assert np.all(np.diff(found)[5:] < 0)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
