@@ -143,8 +143,9 @@ class Automatic(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        by_form, staged = np.stack(self._form.moments), self._staged_at(BETA)
-        found, confirmed, _ = judged(staged, by_form, of_moments, to_precision=True)
+        values, staged = self._form.moments, self._staged_at(BETA)
+        found, confirmed, _ = judged(staged, values, of_moments, to_precision=True)
+        by_form = np.stack(values)
         drawn, errors, tolerance, _ = of_moments(found)
         difference, noise = drawn - by_form, ERRORS * errors
         # up to the end of what is confirmed a value moves over to the draws: a step would look like
