@@ -150,7 +150,7 @@ class Automatic(Distribution):
         difference, noise = drawn - by_form, ERRORS * errors
         # up to the end of what is confirmed a value moves over to the draws: a step would look like
         # a peak
-        end = np.maximum(tolerance - noise, 0.0)
+        end = np.maximum(np.maximum(tolerance, LEAST_TOLD) - noise, 0.0)
         start = np.maximum(0.5 * end, np.minimum(noise, end))
         with np.errstate(divide="ignore", invalid="ignore"):
             share = (abs(difference) - start) / (end - start)
