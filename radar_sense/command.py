@@ -263,7 +263,7 @@ class Result:
             InputError: If the result cannot have a format. No file is written then.
         """
         allowed = (*FORMATS, *self.exports)
-        formats = (formats,) if isinstance(formats, str) else formats
+        formats = (formats,) if isinstance(formats, str) else tuple(formats)
         for name in formats:
             check_choice("format", name, allowed)
         check_choice("style", style, STYLES)
@@ -432,7 +432,7 @@ class Command:
         return f"{about.rstrip()}\n\nArgs:\n{args}{raises}{errors}"
 
     def __reduce__(self) -> str:
-        return self.run.__name__  # pickled by its name in its module, as a function is
+        return self.run.__qualname__  # pickled by its name in its module, as a function is
 
     def __repr__(self) -> str:
         return f"<command {self.name}: {self.help.partition(chr(10))[0]}>"

@@ -211,6 +211,10 @@ class Path(Geometry):
     def of(cls, time_s: ArrayLike, aircraft: ArrayLike, covariance: ArrayLike = CERTAIN) -> Path:
         """Return a path from times (n,) [s], states (n, 6), and C_aa (6, 6) or (n, 6, 6)."""
         time, states = real_array("time_s", time_s), real_array("aircraft", aircraft)
+        if time.shape != states.shape[:1] or not np.isfinite(time).all():
+            raise InputError(
+                f"time_s must be finite, one for each state, got {time.shape} for {states.shape}"
+            )
         return cls(axes.time(time), states, real_array("covariance", covariance), time_s=time)
 
     @property

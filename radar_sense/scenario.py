@@ -354,8 +354,7 @@ class Scenario:
         source = self.source
         if source is None or not self._is_as_made:
             raise InputError(
-                "keys can be changed only of a scenario that is as its file made it: change them "
-                "before at_poses or at_states"
+                "keys can be changed only of a scenario of a file, and before at_poses and the like"
             )
         kept = [n for n in _CHOICES if not {"analysis", f"analysis.{n}"} & changes.keys()]
         changed = source.again(changes).with_analysis(**{n: getattr(self, n) for n in kept})
@@ -381,7 +380,11 @@ class Scenario:
                     "levels": {r.name or "radar": r.levels for r in self.radars},
                 },
                 "aircraft": {"rcs": [repr(radar.model.rcs) for radar in self.radars]},
-                "geometry": {"aircraft": self.aircraft},
+                "geometry": {
+                    f.name: getattr(self.geometry, f.name)
+                    for f in dataclasses.fields(self.geometry)
+                    if f.name not in ("axis", "covariance")
+                },
                 "uncertainty": {
                     "cov_aircraft": self.cov_aircraft,
                     "rcs_db": self.rcs_db,

@@ -145,8 +145,7 @@ def common_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
     except ValueError as error:
         each = ", ".join(map(str, shapes))
         raise InputError(
-            f"shapes of poses must broadcast against each other, got {each} for states and "
-            "covariances"
+            f"shapes of poses must broadcast against each other, got {each}"
         ) from error
 
 

@@ -76,7 +76,7 @@ WRONG = {
     "radars must be of class Radar, got 3": lambda: scenario(radars=[3]),
     "geometry must be poses or a path, States.of(aircraft) or Path.of(time_s, aircraft), got "
     "'orbit'": lambda: scenario(geometry="orbit"),
-    "shapes of poses must broadcast against each other, got (3,), (2,) for": (
+    "shapes of poses must broadcast against each other, got (3,), (2,)": (
         lambda: MODEL.p_d(np.ones((3, 6)), np.ones((2, 4)))
     ),
     "shapes of poses must broadcast against each other, got (361,), (), (4,), ()": (
@@ -85,6 +85,10 @@ WRONG = {
     "shapes of poses must broadcast against each other, got (361,), (4,), ()": (
         lambda: MODEL.linearize(PAPER.aircraft, PAPER.radar).std([np.eye(6)] * 4, np.eye(4))
     ),
+    "time_s must be finite, one for each state, got (2,) for (3, 6)": (
+        lambda: rs.Path.of([0, 1], np.ones((3, 6)))
+    ),
+    "time_s must be finite": lambda: rs.Path.of([0, np.nan, 2], np.ones((3, 6))),
     "path must be the name of a file; parse_scenario reads text": (
         lambda: rs.load_scenario("name: a\nradar: {}\n")
     ),

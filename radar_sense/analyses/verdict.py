@@ -249,11 +249,12 @@ def _probability_lines(tested: PathTest) -> list[str]:
     if runs.anywhere is None:
         return [
             line,
-            "P at some pose of all needs a path with times and uncertainty.aircraft_correlation_s",
+            "P at some pose needs a path with times and uncertainty.aircraft_correlation_s",
         ]
     scenario = tested.path.scenario
     # between two poses the errors of the aircraft may be larger than at both
-    where = f"at some pose of {len(axis)}" if scenario.cov_aircraft.any() else "anywhere"
+    everywhere = scenario.geometry.continuous and not scenario.cov_aircraft.any()
+    where = "anywhere" if everywhere else f"at some pose of {len(axis)}"
     line += (
         f"; {words.probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} "
         f"{where} ({runs.runs:,} runs, {_correlation(scenario)})"

@@ -31,7 +31,7 @@ from radar_sense.progress import report
 from radar_sense.propagation import METHODS
 from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
-from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray, blocks
+from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray, blocks, slices
 
 #: Largest number of cells of a map, which take 100 MB in single precision.
 MAX_CELLS = 25_000_000
@@ -45,6 +45,8 @@ _ON_A_SIDE = 61
 PER_LOBE = 6
 #: How far a maximum may be above the highest of three samples, in rises of the parabola.
 RISE = 2.0
+#: Difference of z below which maxima are alike. The heading is then that of the first.
+ALIKE = 1e-9
 #: Steps of the golden section, which shrink the bracket to 1 in 16,000.
 _SECTIONS = 20
 
@@ -251,12 +253,17 @@ def worst_p_d_in_cells(cells: Grid, *, workers: int = 1) -> list[Plane]:
             rows, heading, most = map(np.concatenate, zip(*promising, strict=True))
             still = most >= best[rows]
             rows, heading = rows[still], heading[still]
-            found, argument = golden_section(
-                lambda x: z_at(x, rows), heading - step, heading + step, _SECTIONS
-            )
-            order = np.argsort(found)  # of several in a cell the largest is the last
-            order = order[found[order] > best[rows[order]]]
-            best[rows[order]], at[rows[order]] = found[order], argument[order]
+            found, argument = np.empty((2, len(rows)))
+            for part in slices(len(rows)):
+                found[part], argument[part] = golden_section(
+                    partial(z_at, rows=rows[part]),
+                    heading[part] - step,
+                    heading[part] + step,
+                    _SECTIONS,
+                )
+            np.maximum.at(best, rows, found)
+            largest = np.flatnonzero(found > best[rows] - ALIKE)[::-1]  # the first is put last
+            at[rows[largest]] = argument[largest]
         degrees = np.rad2deg(np.mod(at, 2.0 * np.pi))
         return ndtr(best).reshape(shape), degrees.reshape(shape)
 

@@ -200,6 +200,12 @@ class Survey:
 
         near, far = _farthest(inside, self.distance, reaches)
         distance = np.sqrt(near * far)
+        # what is visible may lie between two samples, and ends at the edge of P_D or of visibility
+        for edge in (self.reach(p_d, limits=False).distance, self.limit) if limits else ():
+            within = edge * INSIDE
+            farther = (within > distance) & reaches(np.maximum(within, NEAREST)[:, np.newaxis])[:, 0]
+            distance = np.where(farther, within, distance)
+            far = np.where(farther, edge / INSIDE, far)
         # P_D at or above the value beyond the edge means that a limit made the edge.
         beyond = rays.p_d(np.maximum(far, NEAREST)[:, np.newaxis])[:, 0] >= p_d
         limited = beyond & (distance > 0)
@@ -241,7 +247,7 @@ def reach_of_quantile(seen: Survey, value: float, method: str, beta: float) -> F
         return rays.quantile(distance, method, beta)
 
     found = reach_of_bound(seen, first_guess(seen, value, beta), value, seen.limit, bound)
-    inside = np.maximum(found, NEAREST)[:, np.newaxis] * INSIDE
+    inside = np.where(found > 0, found * INSIDE, NEAREST)[:, np.newaxis]
     found[(found > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0.0
     return found
 

@@ -96,9 +96,10 @@ def sobol_indices(
     means, variances, firsts, totals = (np.stack(v) for v in zip(*replicates, strict=True))
     constant = variances.mean(axis=0) == 0
     firsts[..., constant] = totals[..., constant] = np.nan
+    variance = np.where(constant, 0.0, variances.mean(axis=0) + means.var(axis=0))
     # the mean of ratios of few samples would be biased, so the ratio of the means is taken
     with np.errstate(invalid="ignore"):
-        weights = (variances / variances.mean(axis=0))[:, np.newaxis]
+        weights = (variances / variance)[:, np.newaxis]
     first, total = ((weights * index).mean(axis=0) for index in (firsts, totals))
     first_error, total_error, variance_error = (
         found.std(axis=0, ddof=1) / np.sqrt(REPLICATES)
@@ -106,7 +107,7 @@ def sobol_indices(
     )
     return SobolIndices(
         mean=means.mean(axis=0),
-        variance=np.where(constant, 0.0, variances.mean(axis=0) + means.var(axis=0)),
+        variance=variance,
         first=first,
         total=total,
         first_error=first_error,

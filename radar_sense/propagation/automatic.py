@@ -1,8 +1,9 @@
 """The judgement of a method by draws, and the method that is right: FORM where draws agree with it.
 
 FORM is smooth and fast. It does not see limits, other lobes, and the tail of another radar. Draws
-with emphasis on the tails see all of these. `automatic` takes FORM where the draws confirm it, and
-elsewhere the numbers of the draws, with their standard errors.
+with emphasis on the tails see all of these. `automatic` takes the bounds of FORM where the draws
+confirm it, and elsewhere those of the draws, with their standard errors. Mean and σ move over from
+FORM to the draws.
 """
 
 from __future__ import annotations
@@ -144,18 +145,18 @@ class Automatic(Distribution):
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
         values, staged = self._form.moments, self._staged_at(BETA)
-        found, confirmed, _ = judged(staged, values, of_moments, to_precision=True)
+        found, _, _ = judged(staged, values, of_moments, to_precision=True)
         by_form = np.stack(values)
         drawn, errors, tolerance, _ = of_moments(found)
         difference, noise = drawn - by_form, ERRORS * errors
-        # up to the end of what is confirmed a value moves over to the draws: a step would look like
-        # a peak
+        # up to the end of what draws confirm a value moves over to them: a step would look like a
+        # peak
         end = np.maximum(np.maximum(tolerance, LEAST_TOLD) - noise, 0.0)
         start = np.maximum(0.5 * end, np.minimum(noise, end))
         with np.errstate(divide="ignore", invalid="ignore"):
             share = (abs(difference) - start) / (end - start)
         share = np.clip(np.nan_to_num(share), 0.0, 1.0)
-        mean, std = np.where(confirmed, by_form + share * difference, drawn)
+        mean, std = np.where(abs(difference) <= end, by_form + share * difference, drawn)
         return mean, std
 
     def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:

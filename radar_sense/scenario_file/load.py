@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -41,7 +42,7 @@ def load_scenario(
     """
     if path is None:
         return parse_scenario(default_text(), "paper.yaml", changes)
-    if {":", "\n"} <= {*str(path)}:
+    if {":", "\n"} <= {*str(path)} and not os.path.lexists(path):
         raise InputError("path must be the name of a file; parse_scenario reads text")
     return parse_scenario(read_text(path, "a scenario file", MAX_BYTES), str(path), changes)
 

@@ -292,8 +292,8 @@ def _above_ellipsoid(track: Track, stated: sections.Path) -> float:
         if height is not None and stated.altitude_above is None:
             others = " or ".join(other for other in track.altitudes if other != above)
             raise track.error(
-                f"geoid_height_m needs altitude_above: {others} for altitudes above the sea, or "
-                "ellipsoid for a sea level of the horizon alone"
+                f"geoid_height_m needs altitude_above: {others} for such altitudes, or ellipsoid "
+                "for a sea level of the horizon alone"
             )
         return 0.0
     if height is None:

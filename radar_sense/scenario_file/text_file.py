@@ -167,8 +167,9 @@ def advice(text: str, limit: Limit) -> str:
         return f"; write {share}" if is_share else "; write the quantity itself, without %"
     if text.count(",") == 1 and NUMBER.fullmatch(text.replace(",", ".")):
         # three digits after it, and a comma is as likely between thousands
-        thousands = f"{text.replace(',', '')} or " if _THOUSANDS.fullmatch(text) else ""
-        return f"; write {thousands}{text.replace(',', '.')} for {text}"
+        thousands = f"{text.replace(',', '')}" if _THOUSANDS.fullmatch(text) else ""
+        with_point = "" if thousands and limit.whole else text.replace(",", ".")
+        return f"; write {' or '.join(filter(None, (thousands, with_point)))} for {text}"
     if _WITH_UNIT.fullmatch(text):
         return "; leave out the unit, it is in the name"
     return ""

@@ -268,7 +268,8 @@ def test_plain_draws_have_the_quantiles_of_numpy(name):
 def test_the_same_seed_gives_the_same_bytes(method):
     states = [states_of("short range, 1 km", seed) for seed in (4, 4, 5)]
     one, same, other = (METHODS[method](s) for s in states)
-    for value in (lambda d: d.mean, lambda d: d.std, lambda d: d.quantile(3.0)):
+    assert_array_equal(one.mean, same.mean)  # of both seeds it may be by FORM
+    for value in (lambda d: d.std, lambda d: d.quantile(3.0)):
         assert_array_equal(value(one), value(same))
         assert value(one) != value(other)
     assert_array_equal(one.exceedance(0.1), same.exceedance(0.1))

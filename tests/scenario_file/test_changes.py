@@ -105,7 +105,7 @@ def test_a_wrong_change_is_refused_in_one_line(changes, message):
 def test_keys_of_a_scenario_that_is_not_of_its_file_cannot_be_changed():
     paper = rs.load_scenario()
     for s in (paper.at_poses(slice(3)), paper.at_states(paper.aircraft[0])):
-        with refused("as its file made it"):
+        with refused("keys can be changed only of a scenario of a file, and before at_poses"):
             s.with_keys({"radar.constant": 3})
 
 

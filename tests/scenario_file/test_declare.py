@@ -182,13 +182,20 @@ NO_NUMBERS = {
 }
 HINTS = {
     "1,5": "; write 1.5 for 1,5",
-    "9,000": "; write 9000 or 9.000 for 9,000",
-    "-20,000": "; write -20000 or -20.000 for -20,000",
     "0,125": "; write 0.125 for 0,125",
     "5%": "; write the quantity itself, without %",
     "10:00:00": "; write seconds, 36000 for 10:00:00",
     "5 km": "; leave out the unit, it is in the name",
 }
+
+
+@pytest.mark.parametrize(("text", "whole"), [("9,000", "9000"), ("-20,000", "-20000")])
+def test_a_comma_before_three_digits_may_be_between_thousands(text, whole):
+    value = parse(f"key: {text}\n", "my.yaml")["key"]
+    with refused(f"got '{text}'; write {whole} or {text.replace(',', '.')} for {text}$"):
+        number(ANY).read(value)
+    with refused(f"got '{text}'; write {whole} for {text}$"):
+        number(Limit(whole=True)).read(value)
 
 
 @pytest.mark.parametrize("text", [*NO_NUMBERS, *HINTS, ".nan", ".inf", "-.Inf", "nan"])

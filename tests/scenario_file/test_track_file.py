@@ -136,7 +136,7 @@ REFUSED = {
     "sea in opensky": ("a.csv", opensky(), {**SEA, "altitude_above": "sea"},
                        "altitude_above: must be ellipsoid or pressure for this file, got sea"),
     "unused geoid in opensky": ("a.csv", opensky(), SEA,
-                                "geoid_height_m needs altitude_above: pressure for altitudes"),
+                                "geoid_height_m needs altitude_above: pressure for such alt"),
     "pressure only": ("a.csv", opensky().replace("geoaltitude", "other"), {},
                       "a.csv:1: missing column 'geoaltitude' of ADS-B state vectors; baroaltitud"),
     "pressure without geoid": ("a.csv", opensky(), {"altitude_above": "pressure"},
