@@ -255,7 +255,8 @@ def _spacing(scenario: Scenario) -> Iterator[str]:
             "rows-apart",
             f"rows of the path are up to {longest:.4g} s apart, and P_D may differ much between "
             f"them: aspect or range change much in {np.count_nonzero(coarse)} of {len(coarse)} "
-            "steps; add poses between the rows with geometry.interpolate",
+            "steps; add poses between the rows"
+            + (" with geometry.interpolate" if scenario.source is not None else ""),
         )
 
 

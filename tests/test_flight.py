@@ -56,6 +56,16 @@ def test_a_path_of_arrays_is_that_of_a_file(tmp_path):
             np.testing.assert_array_equal(here.table[name], column)
 
 
+def test_the_record_of_a_path_of_arrays_has_its_times():
+    s = scenario().at_poses(slice(3))
+    made = [
+        rs.Scenario(radars=s.radars, geometry=rs.Path.of(time, s.aircraft)).resolved()["geometry"]
+        for time in ([0, 1, 2], [0, 2, 4], [0, 1, 2])
+    ]
+    assert made[0] == made[2] != made[1]
+    assert {"time_s", "aircraft", "origin", "method"} <= made[0].keys()
+
+
 def test_there_is_no_flight_between_states():
     s = scenario().at_poses(slice(0, 9))
     assert isinstance(s.geometry, States)

@@ -228,7 +228,11 @@ def _summary(at: RangeAt) -> dict[str, Any]:
 def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
     """Describe the range for one P_D, and its band where it is widest, with the sources of it."""
     if not (at.slant > 0).any():
-        return ["at no range; sigma has no value"]
+        if not (at.upper > 0).any():
+            return ["at no range; sigma has no value"]
+        highest = int(np.nanargmax(at.upper))
+        upper = f"up to {at.upper[highest] / 1e3:.4g} km at {axis.at(highest)}"
+        return [f"at no range of the nominal states; the upper bound ({k:g} sigma) is {upper}"]
     least, greatest = (int(f(at.slant)) for f in (np.argmin, np.argmax))
     first = f"{at.slant[least] / 1e3:.4g} km at "
     alike = np.ptp(at.slant) <= ALIKE * at.slant[greatest]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from radar_sense.coverage.rays import (
     reach_of_bound,
     reach_of_quantile,
 )
-from radar_sense.model.radar import ALWAYS
+from radar_sense.model.radar import ALWAYS, NEVER
 from radar_sense.propagation import AUTOMATIC, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.draws import estimate
@@ -114,13 +115,18 @@ def _band(
     smooth = "form" if method == AUTOMATIC else method
     ends = np.array([reach_of_quantile(seen, value, smooth, beta) for beta in betas])
     unreliable = _unreliable(around, ends[:2], smooth, k)
-    cut = np.zeros_like(unreliable)
+    cut, hidden = np.zeros_like(unreliable), np.zeros(len(slant))
+    nowhere = np.flatnonzero((ends == 0).any(axis=0))
+    if nowhere.size:
+        hidden[nowhere] = _hidden(seen.part(nowhere), value, smooth, k)
+    unreliable |= hidden > 0
     unknown = unreliable | np.isnan(ends).any(axis=0)
     if method == AUTOMATIC and unknown.any():
         rows, unreliable = np.flatnonzero(unknown), np.zeros_like(unknown)
         without, some = ends.copy(), seen.part(rows)
         for end, beta in zip(ends, betas, strict=True):
-            end[rows], imprecise = _by_draws(some, end[rows], value, beta)
+            guess = np.where(end == 0, hidden, end)[rows]
+            end[rows], imprecise = _by_draws(some, guess, value, beta)
             unreliable[rows] |= imprecise
         moved = abs(ends - without) > 2.0 * PRECISION * without
         cut = moved.any(axis=0) & _limit_in_reach(around, ends[0])
@@ -128,6 +134,25 @@ def _band(
     std = _std_of_quantiles(first, slant, last)
     std[cut] = np.nan  # three nodes do not follow a limit that moves an end
     return lower, upper, std, unreliable
+
+
+def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
+    """Return how far (n,) errors may bring the aircraft in sight where its bound at kσ is enough.
+
+    The bound is that without limits. The distance is 0 where errors do not.
+    """
+    every = np.full(len(seen.p_d), FARTHEST)
+    free = reach_of_bound(
+        seen,
+        first_guess(seen, value, k),
+        value,
+        every,
+        partial(Rays.quantile, method=method, beta=k),
+    )
+    samples = np.broadcast_to(seen.distance, seen.p_d.shape)
+    sight = seen.all_rays.at(samples, limits=True).states().sight().reshape(samples.shape)
+    seen_at = (sight != NEVER) & (samples <= np.nan_to_num(free, nan=FARTHEST)[:, np.newaxis])
+    return np.asarray(np.max(samples, axis=1, where=seen_at, initial=0.0))
 
 
 def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) -> FloatArray:

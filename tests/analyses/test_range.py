@@ -7,15 +7,17 @@ import math
 import numpy as np
 import pytest
 from helpers import CONFIGS, document, scenario, sheet_document, with_arrays, yaml_text
+from scipy.optimize import brentq
 from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense.analyses.range import detection_range
 from radar_sense.axis import Axis
 from radar_sense.coverage.ranges import range_at
-from radar_sense.coverage.rays import FARTHEST, rays, survey
+from radar_sense.coverage.rays import FARTHEST, rays, reach_of_quantile, survey
 from radar_sense.model.horizon import horizon_range
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
+from radar_sense.scenario import for_radar
 from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.words import describe_poses
 
@@ -417,3 +419,69 @@ def test_the_band_of_a_figure_has_the_bounds_of_the_table():
     radius = band.get_paths()[0].vertices[:, 1]
     for bound in bounds:
         assert all(np.isclose(radius, km).any() for km in bound / 1e3)
+
+
+def swerling1(min_range_km=0.0, **changes):
+    """A radar that detects with P_D = P_fa^(1/(1 + S)) a sphere of 1 m² on all bearings."""
+    return document(
+        aircraft={"rcs": {"model": "constant", "rcs_m2": 1}, "attitude_deg": [0, 0, 0]},
+        geometry__down_km=-1,
+        geometry__range_km=40,
+        radar__p_fa=1e-6,
+        radar__detector="swerling1",
+        radar__min_range_km=min_range_km,
+        **changes,
+    )
+
+
+def farthest(constant, p_d=0.5):
+    """Slant range of a P_D of `swerling1`, with the Boltzmann constant."""
+    snr = math.log(1e-6) / math.log(p_d) - 1.0
+    return (constant / (1.380649e-23 * snr)) ** 0.25
+
+
+def test_a_range_between_two_samples_is_found():
+    """P_D is 0.5 or more from 37 000 to 37 190 m, and the samples are 2 % apart."""
+    s = parse_scenario(yaml_text(swerling1(min_range_km=37, radar__constant=5e-4)))
+    result = detection_range(s, method="linear", **QUICK)
+    assert 37e3 < farthest(5e-4) < 37.2e3
+    np.testing.assert_allclose(column(result, "range_m_0.5"), farthest(5e-4), rtol=1e-8)
+    assert not column(result, "limited_0.5").any()
+
+
+def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
+    """Radar and aircraft are at one height, with a mask of 0.1 deg: P_D is 0 on all rays."""
+    (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n0,0.1\n90,0.1\n180,0.1\n")
+    levels = {"a": {"position_m": 10, "constant": 0.001}}
+    content = swerling1(
+        radar__position_m=[0, 0, -1000],
+        radar__constant=0.01,
+        radar__mask="mask.csv",
+        uncertainty={"aircraft": {"position_m": 50, "attitude_deg": 0}, "radar": levels},
+        analysis={"level": "a"},
+    )
+    (tmp_path / "mask.yaml").write_text(yaml_text(content))
+    s = rs.load_scenario(tmp_path / "mask.yaml")
+
+    def exceeds(distance):
+        """P(P_D > 0.5): the height and the radar constant are enough."""
+        height = distance * math.tan(math.radians(0.1)) / math.hypot(50, 10)
+        constant = 0.01 * ((distance / farthest(0.01)) ** 4 - 1) / 0.001
+        return ndtr(-height) * ndtr(-constant)
+
+    expected = brentq(lambda distance: exceeds(distance) - ndtr(-3.0), 40e3, 100e3)
+    found = on_rays(s, 0.0, 130.0)
+    assert not found.slant.any()
+    assert not found.lower.any()
+    np.testing.assert_allclose(found.upper, expected, rtol=0.03)
+    report = detection_range(s, method="form", **QUICK)
+    assert any("is off at all 4 bearings" in text for text in report.warnings)
+    automatic = detection_range(s, method="automatic", **QUICK).report[1]
+    assert "at no range of the nominal states; the upper bound (3 sigma) is up to" in automatic
+
+
+def test_a_ray_without_a_bound_is_no_error_with_an_origin(monkeypatch):
+    monkeypatch.setattr("radar_sense.coverage.rays.reach_of_bound", lambda *_: np.full(2, np.nan))
+    s = for_radar(rs.load_scenario(CONFIGS / "corridor.yaml"), "west")
+    seen = survey(rays(s, np.array([0.0, 1.0]), by_aspect=False, down=None, course=None))
+    assert np.isnan(reach_of_quantile(seen, 0.5, "form", 3.0)).all()

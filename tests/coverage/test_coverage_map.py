@@ -200,21 +200,40 @@ def test_of_two_lobes_the_higher_one_is_found(tmp_path, second, lower, other):
     """The samples show the lower one higher: they miss the peak of the other. P_D is steep."""
     nodes = [a for a in range(0, 360, 10) if abs(a - second) > 6 and a != 300]
     rows = [(a, lower if a == 90 else -10.0) for a in [*nodes, other]] + [(second, 10.3)]
-    (tmp_path / "two.csv").write_text(csv_text("azimuth_deg,rcs_dbsm", sorted(rows)))
-    content = document(
-        aircraft__rcs={"model": "table", "file": "two.csv"},
-        aircraft__attitude_deg=[0, 0, 0],
-        radar__detector={"model": "marcum", "pulses": 100},
-        radar__constant=2e-7,
-        radar__p_fa=1e-6,
-    )
-    (tmp_path / "map.yaml").write_text(yaml_text(content))
-    s = rs.load_scenario(tmp_path / "map.yaml")
+    s = steep(tmp_path, sorted(rows))
     cells = area.grid(s, north_km=(24, 26), east_km=(0, 2), step_km=1)
     found, _ = area.worst_p_d_in_cells(cells)
     expected = brute_force(s, cells)
     assert 0.05 < expected.min() < 0.9
     np.testing.assert_allclose([found[cell] for cell in TRIED], expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", [14, 50, 71, 78])
+def test_the_worst_heading_of_a_table_of_random_lobes(tmp_path, seed):
+    """With a smaller `RISE` one of these tables has a cell that is wrong by 0.003 or more."""
+    values = np.random.default_rng(seed).uniform(-12, 10, 18).round(2)
+    s = steep(tmp_path, list(zip(range(0, 360, 20), values.tolist(), strict=True)))
+    cells = area.grid(s, north_km=(20, 27), east_km=(0, 7), step_km=1)
+    found, _ = area.worst_p_d_in_cells(cells)
+    states, largest = cells.states(), np.zeros(found.shape)
+    for heading in np.linspace(0, 2 * np.pi, 4001):
+        states[..., 5] = heading
+        largest = np.maximum(largest, s.model.p_d(states, s.radar))
+    np.testing.assert_allclose(found, largest, atol=1e-4)
+
+
+def steep(folder, rows):
+    """A radar whose P_D is steep in the RCS, and a table of an aircraft in level flight."""
+    (folder / "rcs.csv").write_text(csv_text("azimuth_deg,rcs_dbsm", rows))
+    content = document(
+        aircraft__rcs={"model": "table", "file": "rcs.csv"},
+        aircraft__attitude_deg=[0, 0, 0],
+        radar__detector={"model": "marcum", "pulses": 100},
+        radar__constant=2e-7,
+        radar__p_fa=1e-6,
+    )
+    (folder / "map.yaml").write_text(yaml_text(content))
+    return rs.load_scenario(folder / "map.yaml")
 
 
 def test_the_worst_heading_of_a_network_on_the_round_earth():
