@@ -141,14 +141,9 @@ def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
 
     The bound is that without limits. The distance is 0 where errors do not.
     """
-    every = np.full(len(seen.p_d), FARTHEST)
-    free = reach_of_bound(
-        seen,
-        first_guess(seen, value, k),
-        value,
-        every,
-        partial(Rays.quantile, method=method, beta=k),
-    )
+    guess, far = first_guess(seen, value, k), np.full(len(seen.p_d), FARTHEST)
+    bound = partial(Rays.quantile, method=method, beta=k)
+    free = reach_of_bound(seen, guess, value, far, bound)
     samples = np.broadcast_to(seen.distance, seen.p_d.shape)
     sight = seen.all_rays.at(samples, limits=True).states().sight().reshape(samples.shape)
     seen_at = (sight != NEVER) & (samples <= np.nan_to_num(free, nan=FARTHEST)[:, np.newaxis])

@@ -203,9 +203,8 @@ class Survey:
         # what is visible may lie between two samples, and ends at the edge of P_D or of visibility
         for edge in (self.reach(p_d, limits=False).distance, self.limit) if limits else ():
             within = edge * INSIDE
-            farther = (within > distance) & reaches(np.maximum(within, NEAREST)[:, np.newaxis])[
-                :, 0
-            ]
+            there = reaches(np.maximum(within, NEAREST)[:, np.newaxis])[:, 0]
+            farther = there & (within > distance)
             distance = np.where(farther, within, distance)
             far = np.where(farther, edge / INSIDE, far)
         # P_D at or above the value beyond the edge means that a limit made the edge.
