@@ -231,7 +231,10 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
         if not (at.upper > 0).any():
             return ["at no range; sigma has no value"]
         highest = int(np.nanargmax(at.upper))
-        upper = f"up to {at.upper[highest] / 1e3:.4g} km at {axis.at(highest)}"
+        place = axis.at(highest)
+        if np.ptp(at.upper) <= PRECISION * at.upper[highest]:
+            place = f"every {axis.name}"
+        upper = f"up to {at.upper[highest] / 1e3:.4g} km at {place}"
         return [f"at no range of the nominal states; the upper bound ({k:g} sigma) is {upper}"]
     least, greatest = (int(f(at.slant)) for f in (np.argmin, np.argmax))
     first = f"{at.slant[least] / 1e3:.4g} km at "

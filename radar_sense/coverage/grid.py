@@ -45,13 +45,16 @@ _ON_A_SIDE = 61
 PER_LOBE = 6
 #: How far a maximum may be above the highest of three samples, in rises of the parabola.
 RISE = 2.0
-#: Difference of z below which maxima are alike. The heading is then that of the first.
+#: Maxima of z that differ by less than this are equal but for rounding. The heading is that of the
+#: first of them.
 ALIKE = 1e-9
 #: Steps of the golden section, which shrink the bracket to 1 in 16,000.
 _SECTIONS = 20
 
 #: A quantity in all cells (rows, columns).
 Plane: TypeAlias = NDArray[np.float32]
+#: Some cells of a block, by their numbers.
+Rows: TypeAlias = NDArray[np.intp] | slice
 #: Newton's steps to find the down of a height; the error is 1 mm or less up to 6000 km away.
 _ROUNDS = 8
 #: Error of a height at which Newton's method ends [m]; rounding is 1e-9 m.
@@ -210,16 +213,12 @@ def upper_bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
 def worst_p_d_in_cells(cells: Grid, *, workers: int = 1) -> list[Plane]:
     """Return the largest P_D over all headings in each cell, and its heading [deg].
 
-    Every lobe of the RCS has `PER_LOBE` sampled headings. A golden section finds the maximum beside
-    every sample that is higher than its neighbours and may be beside the largest P_D, which lobes
-    of nearly the same height may. A parabola of z = Φ⁻¹(P_D) through the three tells, see `RISE`.
+    Every lobe of the RCS has `PER_LOBE` sampled headings, and maxima are searched beside them.
     """
     scenario = cells.scenario
     detail = min(model.rcs.detail for model in scenario.model.models)
     count = math.ceil(2.0 * np.pi * PER_LOBE / detail) or 1
-    step = 2.0 * np.pi / count
-    headings = step * np.arange(count)
-    _foresee(cells, len(headings) + _SECTIONS, workers)
+    _foresee(cells, count + _SECTIONS, workers)
 
     def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
         shape, aircraft, turn = aircraft.shape[:-1], aircraft.reshape(-1, len(AIRCRAFT)), None
@@ -227,7 +226,7 @@ def worst_p_d_in_cells(cells: Grid, *, workers: int = 1) -> list[Plane]:
             place = geodesy.geodetic_from_ned(aircraft[:, POSITION], scenario.origin)
             turn = geodesy.turn_to_origin(place, scenario.origin)
 
-        def z_at(heading: FloatArray | float, rows: NDArray[np.intp] | slice) -> FloatArray:
+        def z_at(rows: Rows, heading: FloatArray | float) -> FloatArray:
             states = aircraft[rows]
             states[:, ATTITUDE] = cells.pose[ATTITUDE]
             states[:, YAW] = heading
@@ -236,38 +235,55 @@ def worst_p_d_in_cells(cells: Grid, *, workers: int = 1) -> list[Plane]:
             z: FloatArray = ndtri(scenario.model.p_d(states, scenario.radar))
             return z
 
-        before, here = (z_at(heading, slice(None)) for heading in (-step, 0.0))
-        best, at = here.copy(), np.zeros(len(here))
-        promising: list[tuple[NDArray[np.intp], FloatArray, FloatArray]] = []
-        for heading in headings if count > 1 else ():
-            after = z_at(heading + step, slice(None))
-            better = here > best
-            best[better], at[better] = here[better], heading
-            with np.errstate(divide="ignore", invalid="ignore"):
-                rise = (after - before) ** 2 / (8.0 * (2.0 * here - before - after))
-                may = (here >= before) & (here > after) & (here + RISE * rise >= best)
-            rows = np.flatnonzero(may)
-            promising.append((rows, np.full(len(rows), heading), (here + RISE * rise)[rows]))
-            before, here = here, after
-        if promising:
-            rows, heading, most = map(np.concatenate, zip(*promising, strict=True))
-            still = most >= best[rows]
-            rows, heading = rows[still], heading[still]
-            found, argument = np.empty((2, len(rows)))
-            for part in slices(len(rows)):
-                found[part], argument[part] = golden_section(
-                    partial(z_at, rows=rows[part]),
-                    heading[part] - step,
-                    heading[part] + step,
-                    _SECTIONS,
-                )
-            np.maximum.at(best, rows, found)
-            largest = np.flatnonzero(found > best[rows] - ALIKE)[::-1]  # the first is put last
-            at[rows[largest]] = argument[largest]
-        degrees = np.rad2deg(np.mod(at, 2.0 * np.pi))
-        return ndtr(best).reshape(shape), degrees.reshape(shape)
+        z, heading = _highest(z_at, count)
+        degrees = np.rad2deg(np.mod(heading, 2.0 * np.pi))
+        return ndtr(z).reshape(shape), degrees.reshape(shape)
 
     return _in_cells(cells, planes, workers)
+
+
+def _highest(
+    z_at: Callable[[Rows, FloatArray | float], FloatArray], count: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the largest z = Φ⁻¹(P_D) of cells (n,) over all headings, and its heading (n,) [rad].
+
+    Of a number of sampled headings, those with a larger z than their two neighbours may be beside
+    the largest z of all. Several may be, because lobes can have nearly the same height. A parabola
+    through the three samples says which, see `RISE`, and a golden section finds the maximum there.
+
+    Args:
+        z_at: From rows (k,) of cells and their headings [rad] to z (k,).
+        count: Number of sampled headings.
+    """
+    every, step = slice(None), 2.0 * np.pi / count
+    here = z_at(every, 0.0)
+    best, at = here.copy(), np.zeros(len(here))
+    if count == 1:  # an RCS that is the same at all aspects
+        return best, at
+    before = z_at(every, -step)
+    promising: list[tuple[NDArray[np.intp], FloatArray, FloatArray]] = []
+    for sampled in step * np.arange(count):
+        after = z_at(every, sampled + step)
+        better = here > best
+        best[better], at[better] = here[better], sampled
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rise = (after - before) ** 2 / (8.0 * (2.0 * here - before - after))
+            most = here + RISE * rise
+            rows = np.flatnonzero((here >= before) & (here > after) & (most >= best))
+        promising.append((rows, np.full(len(rows), sampled), most[rows]))
+        before, here = here, after
+    rows, heading, most = map(np.concatenate, zip(*promising, strict=True))
+    still = most >= best[rows]
+    rows, heading = rows[still], heading[still]
+    found, argument = np.empty((2, len(rows)))
+    for part in slices(len(rows)):
+        sides = heading[part] - step, heading[part] + step
+        z_of_rows = partial(z_at, rows[part])
+        found[part], argument[part] = golden_section(z_of_rows, *sides, _SECTIONS)
+    np.maximum.at(best, rows, found)
+    largest = np.flatnonzero(found > best[rows] - ALIKE)[::-1]  # the first is put last
+    at[rows[largest]] = argument[largest]
+    return best, at
 
 
 def _foresee(cells: Grid, evaluations: float, workers: int) -> None:

@@ -3,7 +3,7 @@
 The errors of the radars are common to all poses of a run. The errors of the aircraft are a
 first-order Gauss–Markov process with the correlation time of the scenario. All numbers are from the
 same runs, so that P at a pose ≤ P at some pose of all ≤ the sum over poses. Between two poses the
-errors of such a process may be larger than at both.
+errors of the aircraft can be larger than at both poses.
 """
 
 from __future__ import annotations

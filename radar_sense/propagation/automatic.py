@@ -2,8 +2,8 @@
 
 FORM is smooth and fast. It does not see limits, other lobes, and the tail of another radar. Draws
 with emphasis on the tails see all of these. `automatic` takes the bounds of FORM where the draws
-confirm it, and elsewhere those of the draws, with their standard errors. Mean and σ move over from
-FORM to the draws.
+confirm them, and elsewhere the bounds of the draws, with their standard errors. Mean and σ change
+gradually from FORM to the draws, see `_gradual`.
 """
 
 from __future__ import annotations
@@ -27,6 +27,9 @@ BOUND_CHANGE, PART_OF_BOUND, STD_CHANGE = 0.005, 0.1, 0.05
 #: Differences of P_D below the first are never off: no output shows them. Below the second, they
 #: may hide in the noise of the draws.
 LEAST_CHANGE, LEAST_TOLD = 1e-6, 2e-5
+#: Part of the largest confirmed difference up to which mean and σ are by FORM. With less, chance
+#: differences that neighbouring poses share would show as peaks; with more, the change is steep.
+BY_FORM = 0.5
 #: Standard errors within which a value is taken to be.
 ERRORS = 2.5
 
@@ -98,6 +101,24 @@ def tolerance_of(probability: FloatArray) -> FloatArray:
     return np.minimum(PART_OF_BOUND * probability, BOUND_CHANGE)
 
 
+def _gradual(by_form: FloatArray, found: Estimate) -> FloatArray:
+    """Return mean and σ (2, k) that change gradually from those of FORM to those of the draws.
+
+    A step between two poses would look like a peak of σ. Up to a part `BY_FORM` of the largest
+    difference that the draws confirm, and within their noise, a value is by FORM. From there on it
+    is mixed, and at the largest difference and above it is by the draws. It is also by the draws
+    where FORM has no value.
+    """
+    drawn, errors, tolerance, _ = of_moments(found)
+    difference, noise = drawn - by_form, ERRORS * errors
+    end = np.maximum(np.maximum(tolerance, LEAST_TOLD) - noise, 0.0)
+    start = np.maximum(BY_FORM * end, np.minimum(noise, end))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (abs(difference) - start) / (end - start)
+    share = np.clip(np.nan_to_num(share), 0.0, 1.0)
+    return np.where(abs(difference) <= end, by_form + share * difference, drawn)
+
+
 class Automatic(Distribution):
     """P_D of uncertain states by FORM where draws agree with it, and by the draws elsewhere.
 
@@ -144,19 +165,9 @@ class Automatic(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        values, staged = self._form.moments, self._staged_at(BETA)
-        found, _, _ = judged(staged, values, of_moments, to_precision=True)
-        by_form = np.stack(values)
-        drawn, errors, tolerance, _ = of_moments(found)
-        difference, noise = drawn - by_form, ERRORS * errors
-        # up to the end of what draws confirm a value moves over to them: a step would look like a
-        # peak
-        end = np.maximum(np.maximum(tolerance, LEAST_TOLD) - noise, 0.0)
-        start = np.maximum(0.5 * end, np.minimum(noise, end))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = (abs(difference) - start) / (end - start)
-        share = np.clip(np.nan_to_num(share), 0.0, 1.0)
-        mean, std = np.where(abs(difference) <= end, by_form + share * difference, drawn)
+        by_form, staged = self._form.moments, self._staged_at(BETA)
+        found, *_ = judged(staged, by_form, of_moments, to_precision=True)
+        mean, std = _gradual(np.stack(by_form), found)
         return mean, std
 
     def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:

@@ -478,6 +478,7 @@ def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
     assert any("is off at all 4 bearings" in text for text in report.warnings)
     automatic = detection_range(s, method="automatic", **QUICK).report[1]
     assert "at no range of the nominal states; the upper bound (3 sigma) is up to" in automatic
+    assert automatic.endswith(" km at every bearing")
 
 
 def test_a_ray_without_a_bound_is_no_error_with_an_origin(monkeypatch):
