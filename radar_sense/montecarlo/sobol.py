@@ -93,20 +93,22 @@ def sobol_indices(
         normals = ndtri(points, out=points)
         blocks = [_indices(function, groups, normals, part) for part in slices]
         replicates.append([np.concatenate(parts, axis=-1) for parts in zip(*blocks, strict=True)])
-    means, variances, firsts, totals = (np.stack(v) for v in zip(*replicates, strict=True))
-    constant = variances.mean(axis=0) == 0
-    firsts[..., constant] = totals[..., constant] = np.nan
-    variance = np.where(constant, 0.0, variances.mean(axis=0) + means.var(axis=0))
-    # the mean of ratios of few samples would be biased, so the ratio of the means is taken
-    with np.errstate(invalid="ignore"):
-        weights = (variances / variance)[:, np.newaxis]
-    first, total = ((weights * index).mean(axis=0) for index in (firsts, totals))
-    first_error, total_error, variance_error = (
-        found.std(axis=0, ddof=1) / np.sqrt(REPLICATES)
-        for found in (weights * (firsts - first), weights * (totals - total), variances)
+    of_replicates = [np.stack(values) for values in zip(*replicates, strict=True)]
+    mean, variance, first, total = _joined(*of_replicates)
+    without_one = [
+        _joined(*(np.delete(values, i, axis=0) for values in of_replicates))
+        for i in range(REPLICATES)
+    ]
+    # The jackknife (B. Efron and C. Stein, Ann. Statist. 9(3), 1981): few samples make a ratio
+    # skewed, and its error to first order would be too small.
+    _, variance_error, first_error, total_error = (
+        np.sqrt((REPLICATES - 1) * np.var(values, axis=0))
+        for values in zip(*without_one, strict=True)
     )
+    for values in (first, total, first_error, total_error):
+        values[:, variance == 0] = np.nan
     return SobolIndices(
-        mean=means.mean(axis=0),
+        mean=mean,
         variance=variance,
         first=first,
         total=total,
@@ -116,13 +118,30 @@ def sobol_indices(
     )
 
 
+def _joined(
+    means: FloatArray, variances: FloatArray, firsts: FloatArray, totals: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return mean, variance (s,), first-order and total indices (g, s) of replicates (r, ...).
+
+    Indices are 0 where nothing varies. Each index is a ratio of means, because the mean of ratios of few samples would be biased.
+    """
+    variance = variances.mean(axis=0)
+    variance = np.where(variance == 0, 0.0, variance + means.var(axis=0))
+    divisor = np.where(variance == 0, np.inf, variance)
+    first, total = (parts.mean(axis=0) / divisor for parts in (firsts, totals))
+    return means.mean(axis=0), variance, first, total
+
+
 def _indices(
     function: Callable[[FloatArray, slice], FloatArray],
     groups: Sequence[Sequence[int]],
     normals: FloatArray,
     outputs: slice,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return mean (k,), variance (k,), first-order and total indices (g, k) of some outputs."""
+    """Return mean and variance (k,) of some outputs, and what groups add to the variance (g, k).
+
+    A group adds what its first-order index is a share of, and what its total index is a share of.
+    """
     from scipy.stats import sobol_indices as estimate
 
     a, b = np.hsplit(normals, 2)
@@ -140,4 +159,6 @@ def _indices(
         np.reshape(index, (-1, len(groups))).T
         for index in (indices.first_order, indices.total_order)
     )
-    return both.mean(axis=1), both.var(axis=1), first, total
+    variance = both.var(axis=1)
+    first, total = (np.where(variance > 0, variance * index, 0.0) for index in (first, total))
+    return both.mean(axis=1), variance, first, total

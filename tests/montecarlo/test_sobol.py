@@ -64,7 +64,7 @@ def test_standard_errors_are_the_spread_over_seeds():
             assert mean_error == pytest.approx(np.std(found, ddof=1), rel=4 * 0.098)
 
 
-def test_few_samples_have_hardly_a_bias():
+def test_few_samples_have_hardly_a_bias_and_true_errors():
     """exp(0.8 a) (1 + 0.3 b), of which the moments of both factors are known; 32 samples."""
     indices = [
         sobol_indices(
@@ -82,6 +82,18 @@ def test_few_samples_have_hardly_a_bias():
     found = np.mean([one.total[:, 0] for one in indices], axis=0)
     np.testing.assert_allclose(found, total, atol=0.05)  # means of ratios would be off by 0.15
     assert np.mean([one.variance for one in indices]) == pytest.approx(variance, rel=0.1)
+    for kind in ("first", "total"):  # to first order the errors would be 0.80 to 0.92 of the spread
+        spread = np.std([getattr(one, kind) for one in indices], axis=0, ddof=1)
+        errors = np.mean([getattr(one, f"{kind}_error") ** 2 for one in indices], axis=0) ** 0.5
+        assert np.all((0.95 * spread < errors) & (errors < 1.3 * spread))
+
+
+def test_replicates_without_variance_add_nothing():
+    """A function that is 0 but in one of a hundred samples, as P_D beyond a limit is."""
+    rare = lambda u, _: (u[:, 0] > 2.3).astype(float)[np.newaxis]  # noqa: E731
+    found = sobol_indices(rare, [[0], [1]], outputs=1, samples=64, seed=0)
+    assert np.isfinite(found.first_error).all()
+    assert np.all(abs(found.total - [[1], [0]]) <= 3 * found.total_error + 1e-12)
 
 
 @pytest.mark.parametrize("values", [1, 1000, 10**7])
