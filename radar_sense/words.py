@@ -34,12 +34,13 @@ from radar_sense.units import unit_name
 WARNINGS: dict[str, str] = {
     "band-imprecise": (
         "The draws of the band were not enough. A bound of P_D has a standard error above 0.005, "
-        "which the column error_3sigma has, or a bound of the range has one above 1 %. P_D jumps "
-        "near the bound, or changes much in a thin tail."
+        "which the column error_3sigma has, or an end of the band of the range has one above 1 %. "
+        "P_D jumps near the bound, or changes much in a thin tail."
     ),
     "band-off": (
-        "Draws say that a bound or sigma of the method is off by more than the warning says. Use "
-        "the method automatic, which takes the numbers of the draws there."
+        "Draws say that a bound or sigma of the method is off by more than the warning says, or an "
+        "end of the band of the range by more than 1 % and a twentieth of its distance from the "
+        "range. Use the method automatic, which takes the numbers of the draws there."
     ),
     "band-outside": (
         "A bound is below 0 or above 1, where no probability is. First order does not know the "

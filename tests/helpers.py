@@ -527,7 +527,7 @@ def few_judging_draws(patch, first=256, most=1024):
 
     The draws are made once in all tests of a process.
     """
-    for name in ("propagation.staged", "accuracy", "coverage.ranges"):
+    for name in ("propagation.staged", "accuracy"):
         patch.setattr(f"radar_sense.{name}.estimate", remembered)
     patch.setattr("radar_sense.propagation.staged.FIRST", first)
     for name in ("automatic.LAST", "automatic.MANY", "staged.PRECISE"):

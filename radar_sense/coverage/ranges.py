@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from radar_sense.coverage.rays import (
     FARTHEST,
+    INSIDE,
     Rays,
     Reach,
     Survey,
@@ -20,10 +22,10 @@ from radar_sense.coverage.rays import (
     reach_of_quantile,
 )
 from radar_sense.model.radar import ALWAYS, NEVER
-from radar_sense.propagation import AUTOMATIC, propagate_scenario, unreliable_in_scenario
+from radar_sense.propagation import AUTOMATIC
 from radar_sense.propagation.automatic import ERRORS
-from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.staged import FURTHER, MANY, PRECISE
+from radar_sense.propagation.draws import exceedance
+from radar_sense.propagation.staged import FIRST, FURTHER, MANY, PRECISE
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 
@@ -32,15 +34,12 @@ from radar_sense.states import FloatArray
 NODE = math.sqrt(3.0)
 #: Relative step of the distance for the slope of P_D along a ray. The error is the square.
 _STEP = 1e-5
-#: Draws at each distance of the search for a bound by draws, and more where these are not precise.
-#: The tolerance of z in the search is below its standard error.
-DRAWS, TOLERANCE = (FURTHER, PRECISE, MANY), 0.01
-#: Relative standard error of a bound of the range by draws that needs no more draws.
-PRECISION = 0.01
-#: Halvings of ± `PRECISION` about a distance where errors may cross a limit: P_D jumps within it.
-HALVINGS = 6
-#: Standard error of P_D at the bound above which few draws may have missed where P_D jumps.
-LARGEST_ERROR = 0.05
+#: Draws at both sides of an end of a band, and more where these do not tell whether it is between.
+DRAWS = FURTHER, PRECISE, MANY
+#: Part of itself by which the end of a band may be off, or of its distance from the range if more.
+PRECISION, PART_OF_BAND = 0.01, 0.05
+#: What ends a search by draws: an error of Φ⁻¹(P) below its standard error, or of the distance.
+TOLERANCES = 0.01, PRECISION / 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +94,13 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         std = budget.total.std / abs(slope)
         middle, limit = around.slant_range(distance), limit_of_radar(seen)
         lower, upper = (np.clip(middle + sign * k * std, 0.0, limit) for sign in (-1, 1))
-        unreliable = _unreliable(around, [np.where(exists, distance, 0.0)], "probit", k)
+        rise = middle**2 - distance**2
+        along = (np.sqrt(np.maximum(end * end - rise, 0.0)) for end in (lower, upper))
+        ends = zip(along, (-k, k), strict=True)
+        confirmed = [_confirmed(around, end, distance, value, beta) for end, beta in ends]
+        unreliable = exists & ~np.all(confirmed, axis=0)
     else:
-        lower, upper, std, unreliable = _band(seen, value, slant, method, k)
+        lower, upper, std, unreliable = _band(seen, value, reach.distance, method, k)
     defined = exists & ~reach.limited
     by_source = {
         name: np.where(defined, source.std / abs(slope), np.nan)
@@ -108,31 +111,35 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
 
 
 def _band(
-    seen: Survey, value: float, slant: FloatArray, method: str, k: float
+    seen: Survey, value: float, distance: FloatArray, method: str, k: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return bounds and σ (n,) of the slant range, and where they are not reliable."""
+    """Return bounds and σ (n,) of the slant range, and where they are not reliable.
+
+    The range is that at the distance (n,).
+    """
     around, betas = seen.all_rays, (-k, k, -NODE, NODE)
     smooth = "form" if method == AUTOMATIC else method
-    ends = np.array([reach_of_quantile(seen, value, smooth, beta) for beta in betas])
-    unreliable = _unreliable(around, ends[:2], smooth, k)
-    cut, hidden = np.zeros_like(unreliable), np.zeros(len(slant))
-    nowhere = np.flatnonzero((ends == 0).any(axis=0))
+    ends = [reach_of_quantile(seen, value, smooth, beta) for beta in betas]
+    hidden = np.zeros(len(distance))
+    nowhere = np.flatnonzero(np.any([end == 0 for end in ends], axis=0))
     if nowhere.size:
         hidden[nowhere] = _hidden(seen.part(nowhere), value, smooth, k)
-    unreliable |= hidden > 0
-    unknown = unreliable | np.isnan(ends).any(axis=0)
-    if method == AUTOMATIC and unknown.any():
-        rows, unreliable = np.flatnonzero(unknown), np.zeros_like(unknown)
-        without, some = ends.copy(), seen.part(rows)
-        for end, beta in zip(ends, betas, strict=True):
+    unreliable, moved = np.zeros((2, len(distance)), dtype=bool)
+    for end, beta in zip(ends, betas, strict=True):
+        off = np.where(end == 0, hidden > 0, ~_confirmed(around, end, distance, value, beta))
+        if method == AUTOMATIC:  # at a limit the end is not of the method, and errors may cross it
+            off |= (end >= INSIDE * seen.limit) & (end > 0) & _limit_in_reach(around, end)
+        if method == AUTOMATIC and off.any():
+            rows = np.flatnonzero(off)
             guess = np.where(end == 0, hidden, end)[rows]
-            end[rows], imprecise = _by_draws(some, guess, value, beta)
-            unreliable[rows] |= imprecise
-        moved = abs(ends - without) > 2.0 * PRECISION * without
-        cut = moved.any(axis=0) & _limit_in_reach(around, ends[0])
-    lower, upper, first, last = (around.slant_range(end) for end in ends)
-    std = _std_of_quantiles(first, slant, last)
-    std[cut] = np.nan  # three nodes do not follow a limit that moves an end
+            found, imprecise = _by_draws(seen.part(rows), guess, distance[rows], value, beta)
+            moved[rows] |= abs(found - end[rows]) > 2.0 * PRECISION * end[rows]
+            end[rows], off[rows] = found, imprecise
+        unreliable |= off
+    lower, upper, first, last = map(around.slant_range, ends)
+    std = _std_of_quantiles(first, around.slant_range(distance), last)
+    # three nodes do not follow a limit that moves an end
+    std[moved & _limit_in_reach(around, ends[0])] = np.nan
     return lower, upper, std, unreliable
 
 
@@ -158,19 +165,6 @@ def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) 
     return std
 
 
-def _unreliable(
-    around: Rays, band: Iterable[FloatArray], method: str, k: float
-) -> NDArray[np.bool_]:
-    """Return where (n,) the method is unreliable at one end of the band, with limits in reach."""
-    unreliable = np.zeros(len(around.bearing), dtype=bool)
-    for end in band:
-        exists = np.nan_to_num(end) > 0
-        at = around.at(np.where(exists, end, FARTHEST), limits=True)
-        moments = propagate_scenario(at, method=method, beta=k)
-        unreliable |= exists & unreliable_in_scenario(at, moments, method=method, beta=k)
-    return unreliable
-
-
 def _limit_in_reach(around: Rays, distance: FloatArray) -> NDArray[np.bool_]:
     """Return where (n,) errors may take the aircraft at some distances (n,) beyond a limit."""
     reached = np.where(np.nan_to_num(distance) > 0, distance, FARTHEST)
@@ -178,53 +172,84 @@ def _limit_in_reach(around: Rays, distance: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(at.states().sight()[:, 0] != ALWAYS)
 
 
+def _confirmed(
+    around: Rays, end: FloatArray, distance: FloatArray, value: float, beta: float
+) -> NDArray[np.bool_]:
+    """Return where (n,) draws confirm the end of the band of the range at a distance (n,)."""
+    confirmed = np.zeros(len(end), dtype=bool)
+    rows = np.flatnonzero(end > 0)
+    for draws in (FIRST, *DRAWS):
+        if not rows.size:
+            break
+        rays, part = around.part(rows), _tolerance(end[rows], distance[rows])
+        above, errors = _beside(rays, end[rows], part, value, beta, draws)
+        confirmed[rows] = _enclosed(above, errors, end[rows])
+        off = np.any(above * np.array([[1.0], [-1.0]]) < -ERRORS * errors, axis=0)
+        rows = rows[~confirmed[rows] & ~off]
+    return confirmed
+
+
 def _by_draws(
-    seen: Survey, guess: FloatArray, value: float, beta: float
+    seen: Survey, guess: FloatArray, distance: FloatArray, value: float, beta: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return how far (n,) the quantile of P_D at Φ(β) by draws reaches a value, within the limits.
 
-    Few draws search the distance, from a guess (n,) that is NaN where none is known. More draws
-    correct it until its standard error is `PRECISION`. Also returned is where (n,) even the most
+    There P(P_D > value) is Φ(−β), which falls with distance without a jump, also across a limit
+    that errors may cross. Few draws search the end of the band of the range at a distance (n,),
+    from a guess (n,) that is NaN where none is known. More draws correct it until its standard
+    error is small enough: Φ⁻¹(P) is close to linear. Also returned is where (n,) even the most
     draws are not precise.
     """
-    upper, limit = int(beta > 0), np.full(len(guess), FARTHEST)
-
-    def drawn(draws: int, rays: Rays, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        ends, errors = estimate(rays.at(distance, limits=True).states(), draws, abs(beta)).bounds
-        return ends[upper], errors[upper]
-
+    limit = np.full(len(guess), FARTHEST)
     guess = np.where(np.isnan(guess), first_guess(seen, value, beta), guess)
-    reach = reach_of_bound(
-        seen, guess, value, limit, lambda *at: drawn(DRAWS[0], *at)[0], TOLERANCE
-    )
+
+    def above(rays: Rays, at: FloatArray) -> FloatArray:
+        return exceedance(rays.at(at, limits=True).states(), FIRST, beta, value)[0]
+
+    reach = reach_of_bound(seen, guess, float(ndtr(-beta)), limit, above, *TOLERANCES)
     rows = np.flatnonzero(reach > 0)
     for draws in DRAWS:
         if not rows.size:
             break
-        rays, at = seen.all_rays.part(rows), reach[rows]
-        near, near_error = drawn(draws, rays, at * (1.0 - PRECISION))
-        far, far_error = drawn(draws, rays, at * (1.0 + PRECISION))
-        enclosed = (near - value > ERRORS * near_error) & (value - far > ERRORS * far_error)
-        # at the end of the search the bound is higher than the value, and needs no precision
-        enclosed |= (at >= FARTHEST) & (far - value > ERRORS * far_error)
-        fall = near - far
+        at, part = reach[rows], _tolerance(reach[rows], distance[rows])
+        above_wanted, errors = _beside(seen.all_rays.part(rows), at, part, value, beta, draws)
+        z_near, z_far = ndtri(above_wanted + ndtr(-beta))
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.where(fall > 0, ((near + far) / 2.0 - value) / fall, 0.0)
-        sure = (far_error <= LARGEST_ERROR) & (2.0 * far_error <= fall)
-        # where errors may cross a limit P_D jumps, and no straight line leads there
-        jumps = (near > value) & (value > far) & _limit_in_reach(rays, at)
-        settled = enclosed | (sure & (abs(step) <= 1.0) & ~jumps)
-        step = np.where(enclosed | jumps, 0.0, np.clip(step, -1.0, 1.0))
-        reach[rows] = np.minimum(at * np.exp(2.0 * PRECISION * step), FARTHEST)
-        some = np.flatnonzero(jumps)
-        low, high = at[some] * (1.0 - PRECISION), at[some] * (1.0 + PRECISION)
-        for _ in range(HALVINGS if some.size else 0):
-            middle = 0.5 * (low + high)
-            above = drawn(draws, rays.part(some), middle)[0] > value
-            low, high = np.where(above, middle, low), np.where(above, high, middle)
-        reach[rows[some]] = 0.5 * (low + high)
+            step = ((z_near + z_far) / 2.0 + beta) / np.maximum(z_near - z_far, 0.0)
+        sure = 2.0 * np.max(errors, axis=0) <= above_wanted[0] - above_wanted[1]
+        settled = _enclosed(above_wanted, errors, at) | (sure & (abs(step) <= 1.0))
+        step = np.clip(np.nan_to_num(step), -1.0, 1.0)  # 0 where P is 0 or 1 at one end
+        reach[rows] = np.minimum(at * np.exp(2.0 * part * step), FARTHEST)
         rows = rows[~settled]
     return reach, np.isin(np.arange(len(reach)), rows)
+
+
+def _tolerance(end: FloatArray, distance: FloatArray) -> FloatArray:
+    """Return by what part of itself (n,) the end of the band of a range may be off."""
+    way = np.where(distance > 0, abs(np.log(end / np.where(distance > 0, distance, 1.0))), 0.0)
+    return np.maximum(PRECISION, PART_OF_BAND * way)
+
+
+def _beside(
+    rays: Rays, end: FloatArray, part: FloatArray, value: float, beta: float, draws: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return P(P_D > value) − Φ(−β) (2, n) by draws, a part (n,) nearer than an end and farther.
+
+    The standard errors (2, n) are returned, too.
+    """
+    sides = end[:, np.newaxis] * (1.0 + part[:, np.newaxis] * np.array([-1.0, 1.0]))
+    found = exceedance(rays.at(sides, limits=True).states(), draws, beta, value)
+    probability, errors = (values.reshape(sides.shape).T for values in found)
+    return probability - ndtr(-beta), errors
+
+
+def _enclosed(above: FloatArray, errors: FloatArray, end: FloatArray) -> NDArray[np.bool_]:
+    """Return where (n,) the end by draws is between two sides, from what `_beside` returns.
+
+    At the end of the search P is higher than wanted, and needs no precision.
+    """
+    higher, lower = above > ERRORS * errors, above < -ERRORS * errors
+    return np.asarray(higher[0] & (lower[1] | (end >= FARTHEST) & higher[1]))
 
 
 def _slope(around: Rays, distance: FloatArray) -> FloatArray:

@@ -43,7 +43,7 @@ LARGEST_PROBIT = 40.0
 #: Rays computed at a time.
 _BLOCK = 64
 #: Evaluations of P_D that take as long as a ray with its band, which draws judge or replace.
-EVALUATIONS = {"linear": 20_000, "probit": 50_000, "form": 150_000, "automatic": 150_000}
+EVALUATIONS = {"linear": 10_000, "probit": 30_000, "form": 60_000, "automatic": 60_000}
 
 #: Function from distances (n, k) to whether (n, k) the ray reaches the value there.
 Reaches = Callable[[FloatArray], NDArray[np.bool_]]
@@ -270,19 +270,21 @@ def reach_of_bound(
     value: float,
     limit: FloatArray,
     bound: Callable[[Rays, FloatArray], FloatArray],
-    tolerance: float = Z_TOLERANCE,
+    z_tolerance: float = Z_TOLERANCE,
+    tolerance: float = NEAR_ENOUGH,
 ) -> FloatArray:
-    """Return how far (n,) a bound of P_D reaches a value, up to a limit.
+    """Return how far (n,) a bound of P_D, or another probability, reaches a value, up to a limit.
 
     The distance is 0 where the bound is nowhere as high, and NaN where it is not known.
 
     Args:
         seen: P_D along the rays.
         guess: Where the bound may reach the value (n,) [m].
-        value: Value of P_D.
+        value: Value of the bound.
         limit: Largest distance (n,) [m]; 0 for a ray without any.
-        bound: From j rays and distances (j,) to the bound of P_D (j,).
-        tolerance: |z| of the bound less z of the value that is near enough.
+        bound: From j rays and distances (j,) to the bound (j,).
+        z_tolerance: |z| of the bound less z of the value that is near enough.
+        tolerance: Relative error of the distance that is near enough.
     """
     from scipy.optimize.elementwise import find_root  # slow to import
 
@@ -316,7 +318,7 @@ def reach_of_bound(
         lambda x, row: excess(row, np.exp(x)),
         (np.log(near[rows]), np.log(far[rows])),
         args=(rows,),
-        tolerances={"xatol": NEAR_ENOUGH, "fatol": tolerance},
+        tolerances={"xatol": tolerance, "fatol": z_tolerance},
     )
     reach[rows] = np.exp(root.x)
     reach[unknown] = np.nan

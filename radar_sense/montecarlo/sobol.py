@@ -123,7 +123,8 @@ def _joined(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return mean, variance (s,), first-order and total indices (g, s) of replicates (r, ...).
 
-    Indices are 0 where nothing varies. Each index is a ratio of means, because the mean of ratios of few samples would be biased.
+    Indices are 0 where nothing varies. Each index is a ratio of means, because the mean of ratios
+    of few samples would be biased.
     """
     variance = variances.mean(axis=0)
     variance = np.where(variance == 0, 0.0, variance + means.var(axis=0))

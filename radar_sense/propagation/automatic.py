@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.propagation.draws import Estimate, estimate
+from radar_sense.propagation.draws import Estimate, exceedance
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.moments import BETA, Distribution
 from radar_sense.propagation.staged import FIRST, LAST, MANY, PRECISE, StagedDraws
@@ -156,7 +156,7 @@ class Automatic(Distribution):
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) by draws."""
-        return estimate(self.states, PRECISE, BETA, p_max).above[0]
+        return exceedance(self.states, PRECISE, BETA, p_max)[0]
 
     def with_covariances(self, changed: UncertainStates) -> Automatic:
         """Return the method for the same states with other covariances."""
