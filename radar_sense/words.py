@@ -39,8 +39,8 @@ WARNINGS: dict[str, str] = {
     ),
     "band-off": (
         "Draws say that a bound or sigma of the method is off by more than the warning says, or an "
-        "end of the band of the range by more than 1 % and a twentieth of its distance from the "
-        "range. Use the method automatic, which takes the numbers of the draws there."
+        "end of the band of the range by more than 1 %. Use the method automatic, which takes the "
+        "numbers of the draws there."
     ),
     "band-outside": (
         "A bound is below 0 or above 1, where no probability is. First order does not know the "

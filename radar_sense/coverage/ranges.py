@@ -36,8 +36,8 @@ NODE = math.sqrt(3.0)
 _STEP = 1e-5
 #: Draws at both sides of an end of a band, and more where these do not tell whether it is between.
 DRAWS = FURTHER, PRECISE, MANY
-#: Part of itself by which the end of a band may be off, or of its distance from the range if more.
-PRECISION, PART_OF_BAND = 0.01, 0.05
+#: Part of itself by which the end of a band may be off.
+PRECISION = 0.01
 #: What ends a search by draws: an error of Φ⁻¹(P) below its standard error, or of the distance.
 TOLERANCES = 0.01, PRECISION / 100.0
 
@@ -97,7 +97,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         rise = middle**2 - distance**2
         along = (np.sqrt(np.maximum(end * end - rise, 0.0)) for end in (lower, upper))
         ends = zip(along, (-k, k), strict=True)
-        confirmed = [_confirmed(around, end, distance, value, beta) for end, beta in ends]
+        confirmed = [_confirmed(around, end, value, beta) for end, beta in ends]
         unreliable = exists & ~np.all(confirmed, axis=0)
     else:
         lower, upper, std, unreliable = _band(seen, value, reach.distance, method, k)
@@ -124,22 +124,22 @@ def _band(
     nowhere = np.flatnonzero(np.any([end == 0 for end in ends], axis=0))
     if nowhere.size:
         hidden[nowhere] = _hidden(seen.part(nowhere), value, smooth, k)
-    unreliable, moved = np.zeros((2, len(distance)), dtype=bool)
+    unreliable = np.zeros(len(distance), dtype=bool)
     for end, beta in zip(ends, betas, strict=True):
-        off = np.where(end == 0, hidden > 0, ~_confirmed(around, end, distance, value, beta))
+        off = np.where(end == 0, hidden > 0, ~_confirmed(around, end, value, beta))
         if method == AUTOMATIC:  # at a limit the end is not of the method, and errors may cross it
             off |= (end >= INSIDE * seen.limit) & (end > 0) & _limit_in_reach(around, end)
         if method == AUTOMATIC and off.any():
             rows = np.flatnonzero(off)
             guess = np.where(end == 0, hidden, end)[rows]
-            found, imprecise = _by_draws(seen.part(rows), guess, distance[rows], value, beta)
-            moved[rows] |= abs(found - end[rows]) > 2.0 * PRECISION * end[rows]
+            found, imprecise = _by_draws(seen.part(rows), guess, value, beta)
             end[rows], off[rows] = found, imprecise
         unreliable |= off
     lower, upper, first, last = map(around.slant_range, ends)
     std = _std_of_quantiles(first, around.slant_range(distance), last)
-    # three nodes do not follow a limit that moves an end
-    std[moved & _limit_in_reach(around, ends[0])] = np.nan
+    # three nodes do not follow a limit within the band
+    cut = [(end == 0) | _limit_in_reach(around, end) for end in ends]
+    std[np.any(cut, axis=0)] = np.nan
     return lower, upper, std, unreliable
 
 
@@ -172,17 +172,14 @@ def _limit_in_reach(around: Rays, distance: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(at.states().sight()[:, 0] != ALWAYS)
 
 
-def _confirmed(
-    around: Rays, end: FloatArray, distance: FloatArray, value: float, beta: float
-) -> NDArray[np.bool_]:
-    """Return where (n,) draws confirm the end of the band of the range at a distance (n,)."""
+def _confirmed(around: Rays, end: FloatArray, value: float, beta: float) -> NDArray[np.bool_]:
+    """Return where (n,) draws confirm the end of a band."""
     confirmed = np.zeros(len(end), dtype=bool)
     rows = np.flatnonzero(end > 0)
     for draws in (FIRST, *DRAWS):
         if not rows.size:
             break
-        rays, part = around.part(rows), _tolerance(end[rows], distance[rows])
-        above, errors = _beside(rays, end[rows], part, value, beta, draws)
+        above, errors = _beside(around.part(rows), end[rows], value, beta, draws)
         confirmed[rows] = _enclosed(above, errors, end[rows])
         off = np.any(above * np.array([[1.0], [-1.0]]) < -ERRORS * errors, axis=0)
         rows = rows[~confirmed[rows] & ~off]
@@ -190,15 +187,14 @@ def _confirmed(
 
 
 def _by_draws(
-    seen: Survey, guess: FloatArray, distance: FloatArray, value: float, beta: float
+    seen: Survey, guess: FloatArray, value: float, beta: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return how far (n,) the quantile of P_D at Φ(β) by draws reaches a value, within the limits.
 
     There P(P_D > value) is Φ(−β), which falls with distance without a jump, also across a limit
-    that errors may cross. Few draws search the end of the band of the range at a distance (n,),
-    from a guess (n,) that is NaN where none is known. More draws correct it until its standard
-    error is small enough: Φ⁻¹(P) is close to linear. Also returned is where (n,) even the most
-    draws are not precise.
+    that errors may cross. Few draws search the distance, from a guess (n,) that is NaN where none
+    is known. More draws correct it until its standard error is `PRECISION`: Φ⁻¹(P) is close to
+    linear. Also returned is where (n,) even the most draws are not precise.
     """
     limit = np.full(len(guess), FARTHEST)
     guess = np.where(np.isnan(guess), first_guess(seen, value, beta), guess)
@@ -211,33 +207,27 @@ def _by_draws(
     for draws in DRAWS:
         if not rows.size:
             break
-        at, part = reach[rows], _tolerance(reach[rows], distance[rows])
-        above_wanted, errors = _beside(seen.all_rays.part(rows), at, part, value, beta, draws)
+        at = reach[rows]
+        above_wanted, errors = _beside(seen.all_rays.part(rows), at, value, beta, draws)
         z_near, z_far = ndtri(above_wanted + ndtr(-beta))
         with np.errstate(divide="ignore", invalid="ignore"):
             step = ((z_near + z_far) / 2.0 + beta) / np.maximum(z_near - z_far, 0.0)
         sure = 2.0 * np.max(errors, axis=0) <= above_wanted[0] - above_wanted[1]
         settled = _enclosed(above_wanted, errors, at) | (sure & (abs(step) <= 1.0))
         step = np.clip(np.nan_to_num(step), -1.0, 1.0)  # 0 where P is 0 or 1 at one end
-        reach[rows] = np.minimum(at * np.exp(2.0 * part * step), FARTHEST)
+        reach[rows] = np.minimum(at * np.exp(2.0 * PRECISION * step), FARTHEST)
         rows = rows[~settled]
     return reach, np.isin(np.arange(len(reach)), rows)
 
 
-def _tolerance(end: FloatArray, distance: FloatArray) -> FloatArray:
-    """Return by what part of itself (n,) the end of the band of a range may be off."""
-    way = np.where(distance > 0, abs(np.log(end / np.where(distance > 0, distance, 1.0))), 0.0)
-    return np.maximum(PRECISION, PART_OF_BAND * way)
-
-
 def _beside(
-    rays: Rays, end: FloatArray, part: FloatArray, value: float, beta: float, draws: int
+    rays: Rays, end: FloatArray, value: float, beta: float, draws: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return P(P_D > value) − Φ(−β) (2, n) by draws, a part (n,) nearer than an end and farther.
+    """Return P(P_D > value) − Φ(−β) (2, n) by draws, `PRECISION` nearer than an end and farther.
 
     The standard errors (2, n) are returned, too.
     """
-    sides = end[:, np.newaxis] * (1.0 + part[:, np.newaxis] * np.array([-1.0, 1.0]))
+    sides = end[:, np.newaxis] * (1.0 + PRECISION * np.array([-1.0, 1.0]))
     found = exceedance(rays.at(sides, limits=True).states(), draws, beta, value)
     probability, errors = (values.reshape(sides.shape).T for values in found)
     return probability - ndtr(-beta), errors
