@@ -26,8 +26,7 @@ from radar_sense.limits import METHODS
 from radar_sense.scenario_file import declare
 from radar_sense.scenario_file.declare import Key, keys_of
 from radar_sense.scenario_file.sections import File, Tolerances
-from radar_sense.source_names import PART, SOURCE
-from radar_sense.sources import sources_of
+from radar_sense.sources import PART, SOURCE, sources_of
 
 ROOT = Path(__file__).parents[1]
 MADE = (

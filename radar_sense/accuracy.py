@@ -20,8 +20,15 @@ from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.staged import MANY, PRECISE, StagedDraws
 from radar_sense.scenario import Scenario
-from radar_sense.source_names import FINER, PART, SOURCE
-from radar_sense.sources import error_budget, scaled, sources_of, value_function
+from radar_sense.sources import (
+    FINER,
+    PART,
+    SOURCE,
+    error_budget,
+    scaled,
+    sources_of,
+    value_function,
+)
 from radar_sense.states import FloatArray
 
 #: Draws at a pose of a look at all poses. `PRECISE` draws verify a factor, `MANY` find one.

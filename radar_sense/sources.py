@@ -1,12 +1,13 @@
 """Contributions of the sources to the uncertainty of P_D.
 
-A source of the budget is a block of a state's covariance, see `source_names`. A radar constant with
-tolerances has parts, one for each parameter with a tolerance.
+A source of the budget is a block of a state's covariance. A radar constant with tolerances has
+parts, one for each parameter with a tolerance.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,13 +20,14 @@ from radar_sense import covariance
 from radar_sense.axis import reached
 from radar_sense.cost import EVALUATIONS, foresee
 from radar_sense.errors import InputError
+from radar_sense.model.radar_constant import ErrorKey
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, STD_CHANGE, distribution, mean_and_std
 from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.staged import FIRST
 from radar_sense.scenario import Scenario
-from radar_sense.source_names import FINER, PART, SOURCE, Source, sources
+from radar_sense.source_names import AIRCRAFT_RCS, PARAMETERS, type_name
 from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
@@ -34,15 +36,43 @@ from radar_sense.states import (
     RCS_ERROR,
     FloatArray,
     component,
+    of_radar,
 )
 from radar_sense.uncertain_states import UncertainStates
 
+#: Kinds of sources: those that together have all errors; in a network the whole aircraft, and
+#: position, constant and further parameters of each radar; and parts of c_r, one a tolerance.
+SOURCE, FINER, PART = "source", "finer", "part"
 #: The gradient for a source counts as zero where the share of the source is below VANISHING times
 #: its largest share.
 VANISHING = 1e-3
 #: What differs by less than this part of the total is equal, as it is printed. A share is printed
 #: to this part, too, and the least that shows is half of it.
 TIE = 1e-3
+
+
+@dataclass(frozen=True)
+class Source:
+    """A source of uncertainty: components of a state, and errors of tolerances of c_r.
+
+    Attributes:
+        kind: `SOURCE`, `FINER` or `PART`.
+        owner: Whose state has the components, "aircraft" or "radar".
+        components: Their places in the state of the aircraft (6,) or of all radars (7m,).
+        errors: The errors of tolerances, see `Tolerance.error_key`.
+        part_of: Name of the source below which a budget has a finer one or a part.
+    """
+
+    kind: str
+    owner: str
+    components: tuple[int, ...] = ()
+    errors: frozenset[ErrorKey] = frozenset()
+    part_of: str = ""
+
+    def overlaps(self, other: Source) -> bool:
+        """Return whether both have a component or an error."""
+        same = self.owner == other.owner and not {*self.components}.isdisjoint(other.components)
+        return same or not self.errors.isdisjoint(other.errors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,26 +244,58 @@ def _budget(
 
 
 def sources_of(scenario: Scenario, *kinds: str) -> dict[str, Source]:
-    """Return the sources of a scenario by name, of all kinds or of some.
+    """Return the sources of a scenario by name, of all kinds or of some, in the order of the kinds.
 
-    A certain RCS is no source.
+    Each radar of a network is one source, and so are the errors that radars of a type share. The
+    sources of a single radar are the paper's. A certain RCS is no source.
     """
-    found = sources(
-        scenario.model.names,
-        scenario.bands,
-        scenario.types,
-        scenario.uncertain_parameters,
-        scenario.tolerances,
-    )
-    variance = np.diagonal(scenario.states().cov_radar[0])
-    of_rcs = np.arange(len(variance))[component(RCS_ERROR, len(scenario.radars))]
-    certain = {*of_rcs[variance[of_rcs] == 0].tolist()}
-    return {
-        name: source
-        for name, source in found.items()
-        if (source.kind in kinds or not kinds)
-        and not (source.components and certain.issuperset(source.components))
+    names, bands = scenario.model.names, scenario.bands
+    several = len(bands) > 1
+    constants = [f"{name}_constant" for name in names] if several else ["radar_constant"]
+    parts: dict[str, Source] = {}
+    errors: defaultdict[str, frozenset[ErrorKey]] = defaultdict(frozenset)
+    for i, of_constant in enumerate(scenario.tolerances):
+        for t in of_constant:
+            constant = type_name(t.shared) if several and t.shared else constants[i]
+            source = names[i] if several and not t.shared else constant
+            error = frozenset({t.error_key(i)})
+            parts[f"{constant}_{t.name}"] = Source(PART, "radar", errors=error, part_of=source)
+            errors[source] |= error
+
+    of_aircraft = tuple(range(len(AIRCRAFT)))
+    of_radars = [tuple(range(r.start, r.stop)) for r in map(of_radar, range(len(bands)))]
+    found = {
+        "aircraft_position": Source(SOURCE, "aircraft", of_aircraft[POSITION]),
+        "aircraft_orientation": Source(SOURCE, "aircraft", of_aircraft[ATTITUDE]),
     }
+    if several:
+        for name, own in zip(names, of_radars, strict=True):
+            without_rcs = (*own[:RCS_ERROR], *own[RCS_ERROR + 1 :])
+            found[name] = Source(SOURCE, "radar", without_rcs, errors[name])
+        for name in map(type_name, scenario.types):
+            found[name] = Source(SOURCE, "radar", errors=errors[name])
+    else:
+        found["radar_position"] = Source(SOURCE, "radar", of_radars[0][POSITION])
+        for name in constants:
+            found[name] = Source(SOURCE, "radar", (CONSTANT,), errors[name])
+    std_of_band = dict(zip(bands, scenario.rcs_std, strict=True))
+    for band in (band for band, std in std_of_band.items() if std > 0):
+        name = AIRCRAFT_RCS if len(std_of_band) == 1 else f"{AIRCRAFT_RCS}_{band}"
+        own = tuple(at[RCS_ERROR] for at, b in zip(of_radars, bands, strict=True) if b == band)
+        found[name] = Source(SOURCE, "radar", own)
+    if several:
+        found["aircraft"] = Source(FINER, "aircraft", of_aircraft)
+        for name, constant, own in zip(names, constants, of_radars, strict=True):
+            found[f"{name}_position"] = Source(FINER, "radar", own[POSITION], part_of=name)
+            found[constant] = Source(FINER, "radar", (own[CONSTANT],), errors[name], name)
+        for parameter in scenario.uncertain_parameters:
+            for name, own in zip(names, of_radars, strict=True):
+                at = own[PARAMETERS[parameter]]
+                found[f"{name}_{parameter}"] = Source(FINER, "radar", (at,), part_of=name)
+    else:
+        for parameter in scenario.uncertain_parameters:
+            found[f"radar_{parameter}"] = Source(SOURCE, "radar", (PARAMETERS[parameter],))
+    return {n: s for n, s in (found | parts).items() if s.kind in kinds or not kinds}
 
 
 def value_function(

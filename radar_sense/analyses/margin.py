@@ -25,8 +25,7 @@ from radar_sense.model.radar import Radar
 from radar_sense.model.radar_equation import NEPERS
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.scenario import Scenario
-from radar_sense.source_names import SOURCE
-from radar_sense.sources import sources_of
+from radar_sense.sources import SOURCE, sources_of
 from radar_sense.states import CONSTANT, FloatArray
 
 OPTIONS = (
