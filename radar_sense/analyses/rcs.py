@@ -9,7 +9,7 @@ import numpy as np
 
 from radar_sense.command import ONE_RADAR, Figure, Result, command
 from radar_sense.errors import InputError
-from radar_sense.model.geometry import body_vector
+from radar_sense.model.geometry import body_vector, elevation_of
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
@@ -32,18 +32,6 @@ def directions(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray
 def pattern(rcs: RCS, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
     """Return σ_r (...) [m²] by azimuth and elevation (...) [deg] in the body frame."""
     return rcs.cross_section(directions(azimuth_deg, elevation_deg))
-
-
-def aspects(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Return azimuth and elevation (mn,) [deg] of m radars in the body frame at n poses."""
-    x, y, z = np.moveaxis(_lines_of_sight(scenario), -1, 0)
-    return np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arctan2(-z, np.hypot(x, y)))
-
-
-def _lines_of_sight(scenario: Scenario) -> FloatArray:
-    """Return the vectors (mn, 3) from the aircraft to m radars in the body frame, at n poses."""
-    radars = scenario.radar_states
-    return np.concatenate([body_vector(scenario.aircraft, radar) for radar in radars])
 
 
 @command(ONE_RADAR, examples=("radar-sense rcs", "radar-sense rcs my.yaml --format png"))
@@ -69,8 +57,10 @@ def rcs(scenario: Scenario) -> Result:
     elevation = elevation[(0 if below else 1) : (None if above else -1)]
     azimuths, elevations = (a.ravel() for a in np.meshgrid(azimuth, elevation))
     sigma = pattern(model, azimuths, elevations)
-    seen_azimuth, seen_elevation = aspects(scenario)
-    seen = model.cross_section(_lines_of_sight(scenario))
+    # the lines of sight (mn, 3) from the aircraft at n poses to m radars
+    lines = np.concatenate([body_vector(scenario.aircraft, r) for r in scenario.radar_states])
+    seen, seen_elevation = model.cross_section(lines), np.rad2deg(elevation_of(lines))
+    seen_azimuth = np.rad2deg(np.arctan2(lines[:, 1], lines[:, 0]))
 
     add = result.table.add
     add(
