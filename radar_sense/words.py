@@ -22,7 +22,6 @@ from radar_sense.propagation import (
     STD_CHANGE,
     Band,
     Moments,
-    std_off_in_scenario,
     unreliable_in_scenario,
 )
 from radar_sense.scenario import Scenario
@@ -276,12 +275,6 @@ def describe_band(p_d: float, lower: float, upper: float, k: float) -> str:
     return f"P_D {middle}, between {low} and {high} ({k:.4g} sigma)"
 
 
-def percent(share: float, error: float | None) -> str:
-    """Return a share with its standard error; "" without a share."""
-    shown = "" if error is None else f" +/- {error:.1%}"
-    return "" if np.isnan(share) else f" {share:6.1%}{shown}"
-
-
 def places(masks: Mapping[str, NDArray[np.bool_]], axis: Axis) -> dict[str, str]:
     """Return the poses of each mask in words, without the masks that hold nowhere."""
     return {name: place for name, mask in masks.items() if (place := describe_poses(mask, axis))}
@@ -388,23 +381,6 @@ def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Spread]]) -> 
         for name in first
     )
     result.report += rows(zip(first, for_each, strict=True))
-
-
-def std_off(spreads: Mapping[str, Spread], method: str) -> tuple[str, ...]:
-    """Return where draws say that σ by a method is off, in one line for all labels alike."""
-    return gathered(
-        (label, text)
-        for label, (scenario, mean, std) in spreads.items()
-        for text in std_warnings(
-            scenario.axis, std, std_off_in_scenario(scenario, mean, std, method=method), method
-        )
-    )
-
-
-def band_label(level: str, method: str, k: float) -> str:
-    """Return the label of a band in a figure."""
-    by = "" if method == "linear" else f" by {method}"
-    return rf"band of ${k:g}\,\sigma${by} ({level})"
 
 
 def level_and_method(level: str, method: str) -> str:

@@ -155,9 +155,10 @@ def _at(pose: int, contributions: Iterable[Contribution], kind: str) -> dict[str
 
 
 def _row(c: Contribution, pose: int, width: int) -> str:
-    error = None if c.share_error is None else c.share_error[pose]
     value = "" if c.name == "interaction" else words.probability(c.three_sigma[pose])
-    share = "" if c.name == "total" else words.percent(c.share[pose], error)
+    share = "" if c.name == "total" or np.isnan(c.share[pose]) else f" {c.share[pose]:6.1%}"
+    if share and c.share_error is not None:
+        share += f" +/- {c.share_error[pose]:.1%}"
     if c.three_sigma_error is not None and c.three_sigma_error[pose] > 0:
         share = f" +/- {words.probability(c.three_sigma_error[pose])}"
     label = f"  {c.label}" if c.part_of else c.label

@@ -81,7 +81,8 @@ def montecarlo(
     }
     result.warnings += words.clipping_warnings(mc.clipped)
     result.warnings += words.table_warnings(scenario, runs=mc.runs)
-    label = words.band_label(scenario.level, method, k)
+    by = "" if method == "linear" else f" by {method}"
+    label = rf"band of ${k:g}\,\sigma${by} ({scenario.level})"
     draw = _draw_histogram if len(axis) == 1 else _draw
     result.draw = partial(draw, scenario=scenario, mc=mc, band_label=label)
     return result

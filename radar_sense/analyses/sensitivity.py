@@ -8,7 +8,7 @@ from functools import partial
 from radar_sense import words
 from radar_sense.axis import Axis
 from radar_sense.command import METHOD, ONE_RADAR, Figure, Result, command
-from radar_sense.propagation import distribution, mean_and_std
+from radar_sense.propagation import distribution, mean_and_std, std_off_in_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray
 
@@ -51,7 +51,13 @@ def sensitivity(scenario: Scenario) -> Result:
         for level, radars in alone.items()
         for name, radar in radars.items()
     }
-    result.warnings += words.std_off(spreads | of_radars, method)
+    result.warnings += words.gathered(
+        (label, text)
+        for label, (of, mean, std) in (spreads | of_radars).items()
+        for text in words.std_warnings(
+            axis, std, std_off_in_scenario(of, mean, std, method=method), method
+        )
+    )
     result.warnings += words.table_warnings(scenario)
     result.report += words.std_trust(result)
     result.draw = partial(_draw, axis=axis, lines=lines)
