@@ -11,7 +11,6 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,7 +204,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     for name in names:
         std_by_name[name] = whole.with_covariances(scaled(scenario, [name], 1.0, 0.0)).std
         report("sources of the budget", len(std_by_name), count)
-    return _budget(scenario, mean, std, std_by_name)
+    return _budget(scenario, mean, std, std_by_name, {})
 
 
 def _budget(
@@ -213,7 +212,7 @@ def _budget(
     mean: FloatArray,
     std: FloatArray,
     std_by_name: Mapping[str, FloatArray],
-    by_indices: Mapping[str, Mapping[str, FloatArray]] = MappingProxyType({}),
+    by_indices: Mapping[str, Mapping[str, FloatArray]],
 ) -> Budget:
     """Return the budget with shares, from the standard deviations of sources, parts and finer.
 
