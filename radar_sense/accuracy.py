@@ -92,16 +92,10 @@ def required_accuracies(
     to, and a factor above 1 also on the way there. Where they disagree, they find a smaller factor
     that they are sure of. Where P_D itself is above the limit of its bound, no accuracy is enough.
 
-    Args:
-        scenario: The scenario, at its level.
-        limit: Limit of 3σ of P_D, or of its upper bound; positive.
-        k: k of the upper bound at Φ(k), which is P_D + kσ by `linear`. None limits 3σ.
-        method: Method of propagation.
-
-    Returns:
-        The accuracy required of each source and of each part of a radar constant, and in a network
-        of position, constant and further parameters of each radar that is enough alone. The other
-        sources are unchanged. "all" scales all sources together.
+    The bound is the one at Φ(k), which is P_D + kσ by `linear`; without k the limit is one of 3σ.
+    What is returned is the accuracy required of each source and of each part of a radar constant,
+    and in a network of position, constant and further parameters of each radar that is enough
+    alone. The other sources are unchanged. "all" scales all sources together.
     """
     every = sources_of(scenario)
     p_d = scenario.p_d()

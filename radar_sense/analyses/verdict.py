@@ -61,22 +61,13 @@ def condition(p_max: float, k: float, probability: float | None) -> str:
 
 
 def require_threshold(
-    result: Result, p_max: float, k: float, band: Band, probability: float | None = None
+    result: Result, p_max: float, k: float, band: Band, probability: float | None
 ) -> PathTest:
     """Add the threshold test P_D + kσ ≤ P_max to a result of `variance`, its verdict first.
 
-    `probability_above` is P(P_D > P_max) in runs of the path. The result passes if the test holds
-    at every pose, and on a path also between the poses.
-
-    Args:
-        result: The result of `variance`.
-        p_max: P_max, greater than 0 and at most 1.
-        k: k, greater than 0.
-        band: Band of the scenario by the method, with bounds at Φ(k).
-        probability: Φ(−k), for the words, if it was given in place of k.
-
-    Returns:
-        The test, at the poses between the rows too.
+    The band has bounds at Φ(k), and the probability is Φ(−k) if it was given in place of k. The
+    result passes if the test holds at every pose, and on a path also between the poses. The test at
+    all of these is returned.
     """
     scenario, method = result.scenario, result.method
     tested = path_test(scenario, method, p_max, k, band)

@@ -195,14 +195,7 @@ def sections(cls: type, title: str = "") -> Iterator[tuple[str, type]]:
 
 
 class UnknownKeyError(InputError):
-    """The error of a key that its section does not have.
-
-    Args:
-        place: Where the section is.
-        name: The key.
-        allowed: The keys of the section.
-        owners: Titles of sections that have the key.
-    """
+    """The error of a key that its section does not have, with titles of sections that have it."""
 
     def __init__(
         self, place: Place, name: str, allowed: Sequence[str], owners: Sequence[str] = ()

@@ -83,12 +83,7 @@ class TextFile:
 
 @contextmanager
 def open_text(path: str | Path, kind: str, most_bytes: int) -> Iterator[TextFile]:
-    """Open a regular file.
-
-    Args:
-        path: The file.
-        kind: What the file should be, for errors.
-        most_bytes: Largest size accepted.
+    """Open a regular file. Its kind is what it should be, for errors.
 
     Raises:
         InputError: If the path is not text or a `Path`, or if the file cannot be read, or is a
