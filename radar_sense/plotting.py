@@ -215,7 +215,7 @@ class Given:
 
 def draw_on(plot: Callable[[Any], object], axes: Axes | Sequence[Axes]) -> Figure:
     """Draw on one's own axes, and return their figure."""
-    given = Given([axes] if isinstance(axes, Axes) else list(axes))
+    given = Given([axes] if isinstance(axes, Axes) else axes)
     plot(given)
     figure = given.axes[0].get_figure()
     assert isinstance(figure, Figure)
@@ -577,8 +577,6 @@ def draw_legend(figure: Figure, *panels: Axes, title: str = "") -> None:
         of_axes = axes.get_legend_handles_labels()
         handles += of_axes[0]
         labels += of_axes[1]
-    if not labels:
-        return
     size = 7.5 if len(labels) <= MOST_LARGE else 6.0
     letters = (70 if style_of(figure).ieee else 54) * 7.5 / size  # STIX is narrower
     room = int(letters * nominal_width(figure) / STYLES[DEFAULT_STYLE].width)
