@@ -34,8 +34,8 @@ def read_named(stated: Named, kind: str, read: Callable[[TextFile], C]) -> C:
     """Return what the file that a section names holds, and let the section have its digest.
 
     Errors about the file as a whole get the place of the key that names it, and say what kind of
-    file it should be. Errors with a line of the file stay as they are, unless the section has the
-    digest of another file, which explains them.
+    file it should be. Errors with a line of the file stay as they are. All are explained if the
+    section has the digest of another file.
     """
     place = stated.place
     path = FilePath(place.file).parent / stated.file
@@ -43,8 +43,6 @@ def read_named(stated: Named, kind: str, read: Callable[[TextFile], C]) -> C:
         with open_data(path, kind) as file:
             try:
                 content = read(file)
-            except FileError:
-                raise
             except InputError:
                 _check_digest(file, stated)
                 raise
