@@ -563,13 +563,6 @@ def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -
     axes.add_line(Line2D([], [], color=SAMPLE_PATH_COLOURS[1], label=label))
 
 
-def _widths(entries: Sequence[int], columns: int) -> list[int]:
-    """Return the widths of the columns of a legend, with the most rows in the first columns."""
-    short, longer = divmod(len(entries), columns)
-    ends = list(itertools.accumulate([short + 1] * longer + [short] * (columns - longer)))
-    return [max(entries[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
-
-
 def draw_legend(figure: Figure, *panels: Axes, title: str = "") -> None:
     """Put the labels of panels above them, below a title, in as many columns as there is room."""
     handles, labels = [], []
@@ -583,8 +576,8 @@ def draw_legend(figure: Figure, *panels: Axes, title: str = "") -> None:
     width = [7 + len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels]
     columns = min(max(3, room // 18), max(1, room // max(width)))
     if len(labels) > 6:  # columns of different widths leave room for more columns
-        counts = range(len(labels), 0, -1)
-        columns = next(c for c in counts if c == 1 or sum(_widths(width, c)) <= room)
+        each = range(len(labels), 0, -1)  # the first columns have the most rows
+        columns = next(c for c in each if c == 1 or sum(map(max, np.array_split(width, c))) <= room)
     # The figure grows with the legend, to keep the size of the axes.
     rows = -(-len(labels) // columns) + bool(title)
     _set_height(figure, figure.get_figheight() + points(_LEGEND_ROW * rows * size / 7.5))
