@@ -113,22 +113,19 @@ def margin(
     result.summary |= {"needed_db_after": after, "needed_db_by_fluctuation": others}
     pose = _report_margin(result, left, (lower, upper), k)
     changes = dict(zip(after, np.diff([0.0, *after.values()]).tolist(), strict=True))
-    numbers = {name: f"{db:8.2f}" for name, db in (*changes.items(), ("needed", needed))}
+    chain = (*changes.items(), ("needed", needed))
     result.report += [
         f"SNR that a pulse needs at P_fa {p_fa:g} [dB]:",
-        *words.rows(numbers.items()),
+        *words.rows((name, f"{db:8.2f}") for name, db in chain),
+        "by fluctuation, with a fixed threshold [dB]:",
+        *words.rows((name, f"{db:8.2f}") for name, db in others.items()),
     ]
-    numbers = {name: f"{db:8.2f}" for name, db in others.items()}
-    result.report += ["by fluctuation, with a fixed threshold [dB]:", *words.rows(numbers.items())]
     at_pose = {
         name: (round(float(dbs[pose]), 9) + 0.0, float(std[pose]))  # + 0.0 makes -0 a 0
         for name, (dbs, std) in terms.items()
     }
-    numbers = {n: f"{db:8.2f} {std:6.2f}" for n, (db, std) in at_pose.items() if db or std}
-    result.report += [
-        f"terms of the SNR at {axis.at(pose)}, and sigma [dB]:",
-        *words.rows(numbers.items()),
-    ]
+    shown = ((n, f"{db:8.2f} {std:6.2f}") for n, (db, std) in at_pose.items() if db or std)
+    result.report += [f"terms of the SNR at {axis.at(pose)}, and sigma [dB]:", *words.rows(shown)]
     title = f"$P_D$ {p_d:.12g}, least margin at {axis.at(pose)}; lines: ${k:g}\\,\\sigma$"
     bounds = float(lower[pose]), float(upper[pose])
     result.draw = partial(_draw, terms=at_pose, changes=changes, margin=bounds, k=k, title=title)
