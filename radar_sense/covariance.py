@@ -16,11 +16,6 @@ TOLERANCE = 1e-9
 MANY = 32
 
 
-def from_std(std: ArrayLike) -> FloatArray:
-    """Return the covariance (n, n) of independent components with standard deviations (n,)."""
-    return np.diag(np.square(np.asarray(std, dtype=float)))
-
-
 def problem(covariance: FloatArray) -> str | None:
     """Return why a matrix (n, n) is not a covariance, or None if the matrix is a covariance."""
     finite = np.isfinite(covariance)

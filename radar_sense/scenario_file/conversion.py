@@ -94,7 +94,7 @@ def covariance_of(
         if isinstance(value, tuple) and isinstance(value[0], tuple):
             total[block, block] = _matrix(value, place[name]) * unit**2
         else:
-            total[block, block] = covariance.from_std(np.broadcast_to(value, size)) * unit**2
+            total[block, block] = np.diag(np.square(np.broadcast_to(value, size))) * unit**2
         start += size
     return total
 
