@@ -281,8 +281,7 @@ class Scenario:
 
     def p_d(self) -> FloatArray:
         """Return P_D of the nominal states (n,)."""
-        p_d: FloatArray = self.model.p_d(self.aircraft, self.radar)
-        return p_d
+        return self.model.p_d(self.aircraft, self.radar)
 
     def states(self) -> UncertainStates:
         """Return the uncertain states of all poses, at the level."""

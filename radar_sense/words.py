@@ -240,8 +240,7 @@ def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
 def decibels(ratio: FloatArray) -> FloatArray:
     """Return 10 log10 of a ratio; −inf where the ratio is 0."""
     with np.errstate(divide="ignore"):
-        level: FloatArray = 10.0 * np.log10(ratio)
-    return level
+        return 10.0 * np.log10(ratio)
 
 
 def probability(value: float) -> str:

@@ -161,8 +161,7 @@ def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) 
     """Return the standard deviation (n,) of a function of a normal number, from three nodes."""
     mean = (lower + 4.0 * middle + upper) / 6.0
     variance = ((lower - mean) ** 2 + 4.0 * (middle - mean) ** 2 + (upper - mean) ** 2) / 6.0
-    std: FloatArray = np.sqrt(variance)
-    return std
+    return np.sqrt(variance)
 
 
 def _limit_in_reach(around: Rays, distance: FloatArray) -> NDArray[np.bool_]:
@@ -249,8 +248,7 @@ def _slope(around: Rays, distance: FloatArray) -> FloatArray:
     near, far = (around.slant_range(end) for end in ends)
     # for an aircraft very far above or below, both ends round to one slant range
     undefined = np.full_like(far, np.nan)
-    slope: FloatArray = np.divide(high - low, far - near, out=undefined, where=far != near)
-    return slope
+    return np.divide(high - low, far - near, out=undefined, where=far != near)
 
 
 def limit_of_radar(seen: Survey) -> FloatArray:

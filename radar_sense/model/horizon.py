@@ -65,8 +65,7 @@ class Horizon:
         """Return the height above the surface (...) [m] of states (..., 3 or more)."""
         if self.origin is not None:
             return height_from_ned(states, self.origin) - self.surface
-        height: FloatArray = -states[..., 2] - self.surface
-        return height
+        return -states[..., 2] - self.surface
 
     def range(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         """Return R_h (...) [m] between a radar (..., 4) and an aircraft (..., 6)."""

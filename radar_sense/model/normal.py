@@ -12,8 +12,7 @@ from radar_sense.states import FloatArray
 
 def density(z: FloatArray) -> FloatArray:
     """Return φ(z) (...)."""
-    phi: FloatArray = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-    return phi
+    return np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
 
 
 def hazard(z: FloatArray) -> FloatArray:

@@ -89,8 +89,7 @@ class Tolerance:
         relative_std = min(self.std / self.value, MAX_DIVISOR_STD)
         lowest = 0.0 if self.power > 0 else 1.0 + LOWEST_DIVISOR * relative_std
         relative = np.maximum(1.0 + (self.std / self.value) * normals, lowest)
-        factor: FloatArray = relative**self.power
-        return factor
+        return relative**self.power
 
     def moment(self, order: int) -> float:
         """Return the mean of the factor raised to an order, by quadrature if not in closed form."""

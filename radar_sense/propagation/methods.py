@@ -175,8 +175,7 @@ def unreliable(
     """
     shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
     moments = _moments(states, method, beta)
-    result: NDArray[np.bool_] = _unreliable(states, moments, method, beta).reshape(shape)[()]
-    return result
+    return _unreliable(states, moments, method, beta).reshape(shape)[()]
 
 
 def propagate_scenario(
