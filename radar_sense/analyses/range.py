@@ -338,8 +338,7 @@ def _draw(
 
 
 def _closed(angle: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return angles and values; of a full circle with the first point again at the end."""
-    step = angle[1] - angle[0] if len(angle) > 1 else 0.0
-    if not math.isclose(len(angle) * step, 2 * math.pi, rel_tol=1e-6):
+    """Return angles from 0 and values; of a full circle with the first point again at the end."""
+    if not math.isclose(len(angle) * angle[1], 2 * math.pi, rel_tol=1e-6):
         return angle, values
-    return np.append(angle, angle[0] + 2 * math.pi), np.append(values, values[0])
+    return np.append(angle, 2 * math.pi), np.append(values, values[0])

@@ -297,10 +297,10 @@ def _above_ellipsoid(track: Track, stated: sections.Path) -> float:
             )
         return 0.0
     if height is None:
-        other = "; or altitude_above: ellipsoid" if "ellipsoid" in track.altitudes else ""
         raise track.error(
             "altitudes above the sea need geoid_height_m, the height of the sea level above the "
-            f"WGS-84 ellipsoid on the route (-107 to 86 m, by EGM96 or EGM2008){other}"
+            "WGS-84 ellipsoid on the route (-107 to 86 m, by EGM96 or EGM2008); or altitude_above: "
+            "ellipsoid"
         )
     return height
 
