@@ -339,6 +339,7 @@ class Command:
         endings: Endings of its files besides the figure; () if the command line writes none.
         formats: Formats of its figure, or of what else its result can be; () without a figure.
         defaults: Defaults of the function by keyword.
+        help: The docstring of the function up to the errors.
     """
 
     run: Callable[..., Any]
@@ -360,7 +361,9 @@ class Command:
         others = [name for name in _OF_SCENARIO if name not in self.defaults]
         shared = [inspect.Parameter(name, kind, default=None) for name in others]
         self.__signature__ = signature.replace(parameters=[scenario, *own, *shared])
-        self.__doc__ = self._documented()
+        about, *raises = (inspect.getdoc(self.run) or "").partition("\nRaises:")
+        self.help = about.strip()
+        self.__doc__ = f"{self.help}\n\nArgs:\n{self._arguments()}{''.join(raises)}"
 
     def __call__(self, scenario: Scenario, **options: Any) -> Any:
         """Return the result of the command.
@@ -412,15 +415,9 @@ class Command:
         scenario = scenario.with_analysis(**chosen)
         return scenario if radar is None else for_radar(scenario, radar)
 
-    @property
-    def help(self) -> str:
-        """Return the help of the command: the docstring up to the errors."""
-        return (inspect.getdoc(self.run) or "").partition("\nRaises:")[0].strip()
-
-    def _documented(self) -> str:
-        """Return the docstring, with the options as arguments."""
+    def _arguments(self) -> str:
+        """Return the options as in a docstring."""
         own = [option for option in self.options if option.name in self.defaults]
-        about, raises, errors = (inspect.getdoc(self.run) or "").partition("\nRaises:")
         args = "    scenario: The scenario.\n"
         for option in own:
             # the signature shows a default that is not None
@@ -429,7 +426,7 @@ class Command:
             args += f"    {option.name}: {meaning}{default and f' Default: {default}.'}\n"
         if "executor" in self.defaults:
             args += "    executor: Computes the blocks of runs in place of threads.\n"
-        return f"{about.rstrip()}\n\nArgs:\n{args}{raises}{errors}"
+        return args
 
     def __reduce__(self) -> str:
         return self.run.__qualname__  # pickled by its name in its module, as a function is
