@@ -105,11 +105,11 @@ def require_writable(paths: Sequence[Path], inputs: Iterable[Path]) -> None:
 
     `write` makes a missing folder.
     """
-    read = {path.resolve() for path in inputs}
+    read = set(map(os.path.realpath, inputs))
     for path in paths:
         if path.is_dir():
             raise IsADirectoryError(f"{path} is a folder, and in the way of a file")
-        if path.resolve() in read:
+        if os.path.realpath(path) in read:
             raise FileExistsError(f"{path} is an input of this run and would be overwritten")
     folder = paths[0].parent.absolute()
     with contextlib.suppress(FileNotFoundError):

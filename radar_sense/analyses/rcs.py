@@ -18,6 +18,8 @@ from radar_sense.words import decibels, table_warnings
 
 #: Steps of the table [deg].
 AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
+#: Values that differ by a smaller part are equal.
+ROUNDING = 1e-9
 
 
 def directions(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
@@ -49,14 +51,19 @@ def rcs(scenario: Scenario) -> Result:
             f"the radars {', '.join(scenario.model.names)} with --radar"
         )
     result, model = Result(scenario), scenario.radars[0].model.rcs
+    spread = getattr(model, "spread", None)
     azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
     elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
-    # Straight above and below, a table needs one value for all azimuths.
-    ends = pattern(model, azimuth[:, np.newaxis], elevation[[0, -1]])
-    below, above = np.all(ends == ends[0], axis=0)
-    elevation = elevation[(0 if below else 1) : (None if above else -1)]
-    azimuths, elevations = (a.ravel() for a in np.meshgrid(azimuth, elevation))
-    sigma = pattern(model, azimuths, elevations)
+    maps = [
+        pattern(of, azimuth, elevation[:, np.newaxis]) for of in (model, spread) if of is not None
+    ]
+    kept = np.ones(len(elevation), dtype=bool)
+    for pole in (0, -1):  # straight above and below, a table needs one value for all azimuths
+        kept[pole] = all(np.allclose(of[pole], of[pole, 0], rtol=ROUNDING, atol=0) for of in maps)
+        for of in maps:
+            of[pole] = of[pole, 0]
+    azimuths, elevations = (a.ravel() for a in np.meshgrid(azimuth, elevation[kept]))
+    sigma, *of_spread = (of[kept].ravel() for of in maps)
     # the lines of sight (mn, 3) from the aircraft at n poses to m radars
     lines = np.concatenate([body_vector(scenario.aircraft, r) for r in scenario.radar_states])
     seen, seen_elevation = model.cross_section(lines), np.rad2deg(elevation_of(lines))
@@ -69,10 +76,9 @@ def rcs(scenario: Scenario) -> Result:
     meaning = "Elevation of the radar seen from the aircraft, positive above."
     add("elevation_deg", elevations, meaning, "°")
     add("rcs_m2", sigma, "Radar cross section in this direction.", "m²")
-    spread = getattr(model, "spread", None)
-    if spread is not None:
+    for std_db in of_spread:
         meaning = "Standard deviation of the cross section, if the RCS table has std_db."
-        add("std_db", pattern(spread, azimuths, elevations), meaning, "dB")
+        add("std_db", std_db, meaning, "dB")
 
     table = model.elevation if isinstance(model, TableRCS) else None
     flat = isinstance(model, TableRCS) and table is None

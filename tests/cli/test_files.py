@@ -127,6 +127,14 @@ def test_a_link_is_replaced_and_not_followed(folder, tmp_path_factory):
     assert content(folder) == OLD | NEW
 
 
+def test_links_in_a_circle_are_refused(tool, tmp_path):
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    code, _, err = tool("rcs", "--no-plot", "--out", loop)
+    assert (code, err.count("\n")) == (2, 1)
+    assert err.startswith(f"Error: --out: cannot write to {loop}: ")
+
+
 @pytest.mark.parametrize("mask", [0o022, 0o077])
 def test_files_are_replaced_and_follow_the_umask(folder, mask):
     kept = folder / "kept"

@@ -458,6 +458,29 @@ def test_the_summary_of_the_rcs():
     assert result.summary["horizon_mean_m2"] == pytest.approx(mean, rel=1e-12)
 
 
+def test_a_written_table_has_one_value_at_each_pole(here):
+    """Splines round it by azimuth; an envelope of one last row may have two deviations there."""
+    rng, azimuth, elevation = np.random.default_rng(1), np.arange(-180, 180, 30), [-90, -30, 30, 90]
+    rows = [
+        [a, e, r] for a in azimuth for e, r in zip(elevation, rng.normal(-10, 2, 4), strict=True)
+    ]
+    level = np.array(rows)
+    level[level[:, 1] == -90, 2], level[level[:, 1] == 90, 2] = -5, 20
+    short = [[a, e, -8.0, 1 + (a < 0)] for a in azimuth for e in (-30, 30)]
+    for name, lines, end in (
+        ("azimuth_deg,elevation_deg,rcs_dbsm", level, 90),
+        ("azimuth_deg,elevation_deg,rcs_dbsm,std_db", short, 85),
+    ):
+        text = "\n".join([name, *(",".join(map(str, line)) for line in lines)])
+        (here / "t.csv").write_text(text)
+        rcs = {"model": "table", "file": "t.csv"} | ({} if end == 90 else {"envelope_deg": 3})
+        found = analyses.rcs(scenario(aircraft__rcs=rcs)).table
+        assert np.ptp(found["elevation_deg"]) == 2 * end
+        for pole in (-90, 90):
+            values = found["rcs_m2"][found["elevation_deg"] == pole]
+            assert np.all(values == values[:1])
+
+
 def share_beyond(pose, s, low, high):
     """Return the share of draws with an elevation beyond two limits, to first order."""
     states = np.concatenate([pose, s.radar])
