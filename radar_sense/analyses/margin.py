@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.constants import Boltzmann
 from scipy.special import ndtr, ndtri
 
@@ -21,9 +22,13 @@ from radar_sense.errors import InputError
 from radar_sense.limits import Limit
 from radar_sense.model.detectors import PULSES, Detector, Marcum, North, PulseDetector, required_snr
 from radar_sense.model.geometry import radar_from_aircraft, slant_range
+from radar_sense.model.normal import density
 from radar_sense.model.radar import Radar
 from radar_sense.model.radar_equation import NEPERS
-from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
+from radar_sense.propagation import AUTOMATIC, band_of_scenario
+from radar_sense.propagation.automatic import judged
+from radar_sense.propagation.draws import Estimate
+from radar_sense.propagation.staged import StagedDraws
 from radar_sense.scenario import Scenario
 from radar_sense.sources import SOURCE, sources_of
 from radar_sense.states import CONSTANT, FloatArray
@@ -39,6 +44,8 @@ OPTIONS = (
 )
 #: Decibels of a unit of z. Φ(z) has the digits of margins up to 160 dB.
 SPAN = 20.0
+#: By how much a bound of a margin may be off [dB].
+PRECISION_DB = 0.25
 #: Least S of a margin, because a radar constant may be drawn as 0.
 LEAST = 1e-20
 #: The term that each source besides c_r makes uncertain.
@@ -199,10 +206,7 @@ def _add_margin(
     model = dataclasses.replace(radar.model, detector=Margin(needed_db))
     radars = (dataclasses.replace(radar.without_limits(), model=model),)
     free = dataclasses.replace(scenario, radars=radars)
-    method = "probit" if scenario.method == "linear" else scenario.method
-    moments = propagate_scenario(free, method=method, beta=k)
-    off = unreliable_in_scenario(free, moments, method=method, beta=k)
-    lower, upper = (SPAN * ndtri(p) for p in (moments.lower, moments.upper))
+    lower, upper, off = _bounds(free, scenario.method, k)
     no_signal = lower + needed_db <= words.decibels(np.array(LEAST)) + 1e-6
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 0]
     margins = snr_db - needed_db, np.where(no_signal, -np.inf, lower), upper
@@ -213,13 +217,45 @@ def _add_margin(
     for end, bound in (("lower", lower), ("upper", upper)):
         meaning = f"Its {end} {k:g}-sigma bound."
         result.table.add(f"{end}_{k:.12g}sigma_margin_db", bound, meaning, "dB")
-    missing, axis, method = ~np.isfinite(moments.std), scenario.axis, scenario.method
+    missing, axis, method = np.isnan(lower) | np.isnan(upper), scenario.axis, scenario.method
     without = f"the {method} band of the margin has no value"
     result.warnings += words.placed("no-value", seen & missing, axis, without)
     result.warnings += words.band_off(
-        seen & off & ~missing, axis, method, " by over 0.25 dB", "0.25 dB", " of the margin"
+        seen & off & ~missing,
+        axis,
+        method,
+        f" by over {PRECISION_DB:g} dB",
+        f"{PRECISION_DB:g} dB",
+        " of the margin",
     )
     return left, lower, upper
+
+
+def _bounds(
+    free: Scenario, method: str, k: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return the bounds of the margin (n,) [dB], and where they are not right to `PRECISION_DB`.
+
+    The scenario has a `Margin` as its detector.
+    """
+    automatic = method == AUTOMATIC
+    smooth = {"linear": "probit", AUTOMATIC: "form"}.get(method, method)
+    band = band_of_scenario(free, method=smooth, beta=k)
+    bounds = np.stack([band.lower, band.upper])
+
+    def of_margins(found: Estimate) -> tuple[FloatArray, ...]:
+        drawn, errors = found.bounds
+        small = density(ndtri(drawn)) * PRECISION_DB / SPAN
+        return drawn, errors, small, small
+
+    staged = StagedDraws(free.states(), k)
+    drawn, confirmed, _ = judged(staged, tuple(bounds), of_margins, to_precision=automatic)
+    if automatic:
+        bounds = np.where(confirmed, bounds, drawn.bounds[0])
+        _, errors, small, _ = of_margins(drawn)
+        confirmed |= np.all(errors <= small, axis=0)
+    lower, upper = SPAN * ndtri(bounds)
+    return lower, upper, ~confirmed
 
 
 def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:

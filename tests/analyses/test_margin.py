@@ -201,6 +201,31 @@ def test_a_band_that_is_off_is_warned_of():
     assert text == ("the linear band of the margin is off at 0 deg by over 0.25 dB [band-off]")
 
 
+@pytest.mark.all_draws
+def test_a_bound_of_a_large_margin_is_right_to_a_quarter_of_a_decibel():
+    """A narrow lobe seen from near: the bound by FORM is 1.7 dB too low, 0.00006 of P."""
+    rcs = {"model": "ellipsoid", "a_m": 0.15, "b_m": 0.13, "c_m": 2.0}
+    s = scenario(
+        aircraft__rcs=rcs,
+        uncertainty={
+            "aircraft": {"position_m": 100, "attitude_deg": 2},
+            "radar": {"medium": {"position_m": 100, "constant": 5}},
+        },
+        geometry__range_km=30,
+        geometry__down_km=-1,
+        geometry__azimuth_deg={"start": 90, "stop": 91, "step": 2},
+    )
+    table = rs.analyses.detectors(s, p_d=0.5, method="automatic").table
+    rng, n = np.random.default_rng(1), 200_000
+    aircraft = s.aircraft[0] + rng.standard_normal((n, 6)) * np.sqrt(np.diag(s.cov_aircraft))
+    radar = s.radar + rng.standard_normal((n, 4)) * np.sqrt(np.diag(s.cov_radar))
+    states = (aircraft, radar), (s.aircraft, s.radar)
+    snr, nominal = (10 * np.log10(s.model.snr(*x).ravel()) for x in states)
+    low, high = np.quantile(snr - nominal, ndtr([-3, 3])) + table["margin_db"]
+    assert table["lower_3sigma_margin_db"][0] == pytest.approx(low, abs=0.35)
+    assert table["upper_3sigma_margin_db"][0] == pytest.approx(high, abs=0.35)
+
+
 @pytest.mark.parametrize("method", ["linear", "form"])
 def test_a_margin_without_a_band(method):
     """Straight below the aircraft the aspect has no gradient: draws have a band there."""
