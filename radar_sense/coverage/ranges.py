@@ -129,8 +129,8 @@ def _band(
         off = np.where(end == 0, hidden > 0, ~_confirmed(around, end, value, beta))
         if method == AUTOMATIC:  # at a limit the end is not of the method, and errors may cross it
             off |= (end >= INSIDE * seen.limit) & (end > 0) & _limit_in_reach(around, end)
-        if method == AUTOMATIC and off.any():
-            rows = np.flatnonzero(off)
+        rows = np.flatnonzero(off)
+        if method == AUTOMATIC and rows.size:
             guess = np.where(end == 0, hidden, end)[rows]
             found, imprecise = _by_draws(seen.part(rows), guess, value, beta)
             end[rows], off[rows] = found, imprecise
@@ -178,9 +178,9 @@ def _confirmed(around: Rays, end: FloatArray, value: float, beta: float) -> NDAr
     for draws in (FIRST, *DRAWS):
         if not rows.size:
             break
-        above, errors = _beside(around.part(rows), end[rows], value, beta, draws)
-        confirmed[rows] = _enclosed(above, errors, end[rows])
-        off = np.any(above * np.array([[1.0], [-1.0]]) < -ERRORS * errors, axis=0)
+        excess, errors = _beside(around.part(rows), end[rows], value, beta, draws)
+        confirmed[rows] = _enclosed(excess, errors, end[rows])
+        off = np.any(excess * np.array([[1.0], [-1.0]]) < -ERRORS * errors, axis=0)
         rows = rows[~confirmed[rows] & ~off]
     return confirmed
 
@@ -207,12 +207,12 @@ def _by_draws(
         if not rows.size:
             break
         at = reach[rows]
-        above_wanted, errors = _beside(seen.all_rays.part(rows), at, value, beta, draws)
-        z_near, z_far = ndtri(above_wanted + ndtr(-beta))
+        excess, errors = _beside(seen.all_rays.part(rows), at, value, beta, draws)
+        near, far = ndtri(excess + ndtr(-beta))
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = ((z_near + z_far) / 2.0 + beta) / np.maximum(z_near - z_far, 0.0)
-        sure = 2.0 * np.max(errors, axis=0) <= above_wanted[0] - above_wanted[1]
-        settled = _enclosed(above_wanted, errors, at) | (sure & (abs(step) <= 1.0))
+            step = ((near + far) / 2.0 + beta) / np.maximum(near - far, 0.0)
+        sure = 2.0 * np.max(errors, axis=0) <= excess[0] - excess[1]
+        settled = _enclosed(excess, errors, at) | (sure & (abs(step) <= 1.0))
         step = np.clip(np.nan_to_num(step), -1.0, 1.0)  # 0 where P is 0 or 1 at one end
         reach[rows] = np.minimum(at * np.exp(2.0 * PRECISION * step), FARTHEST)
         rows = rows[~settled]
@@ -232,12 +232,12 @@ def _beside(
     return probability - ndtr(-beta), errors
 
 
-def _enclosed(above: FloatArray, errors: FloatArray, end: FloatArray) -> NDArray[np.bool_]:
+def _enclosed(excess: FloatArray, errors: FloatArray, end: FloatArray) -> NDArray[np.bool_]:
     """Return where (n,) the end by draws is between two sides, from what `_beside` returns.
 
     At the end of the search P is higher than wanted, and needs no precision.
     """
-    higher, lower = above > ERRORS * errors, above < -ERRORS * errors
+    higher, lower = excess > ERRORS * errors, excess < -ERRORS * errors
     return np.asarray(higher[0] & (lower[1] | (end >= FARTHEST) & higher[1]))
 
 
