@@ -131,15 +131,10 @@ class Automatic(Distribution):
     def __init__(
         self, states: UncertainStates, form: Form | None = None, p_max: float = np.nan
     ) -> None:
-        self.states = states
+        super().__init__(states)
         self.p_max, self._form = p_max, form or Form(states)
         self._staged: dict[float, StagedDraws] = {}
         self._bands: dict[float, tuple[FloatArray, FloatArray, FloatArray, Estimate]] = {}
-
-    @cached_property
-    def p_d(self) -> FloatArray:
-        """P_D of the nominal states (k,)."""
-        return self._form.p_d
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""

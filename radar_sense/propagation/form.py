@@ -56,14 +56,8 @@ class Form(Distribution):
     def __init__(
         self, states: UncertainStates, derivatives: Sequence[SecondOrder] | None = None
     ) -> None:
-        self.states = states
+        super().__init__(states)
         self._known = derivatives
-
-    @cached_property
-    def p_d(self) -> FloatArray:
-        """P_D of the nominal states (k,)."""
-        p_d = self.states.model.unchecked_p_d(self.states.aircraft, self.states.radar)
-        return p_d + np.zeros(len(self.states))
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""

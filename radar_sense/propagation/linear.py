@@ -15,6 +15,7 @@ class Linear(Distribution):
     """P_D of uncertain states, taken to be normal with σ from the gradient of P_D."""
 
     def __init__(self, states: UncertainStates, gradient: Linearization | None = None) -> None:
+        super().__init__(states)
         aircraft, radar, cov_aircraft, cov_radar = states.squeezed
         lin = gradient or states.model.unchecked_linearize(aircraft, radar)
         by_aircraft = variance_along(lin.jac_aircraft, cov_aircraft)

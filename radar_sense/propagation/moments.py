@@ -17,15 +17,19 @@ _NODES, _WEIGHTS = (x[:, np.newaxis] for x in np.polynomial.legendre.leggauss(16
 
 
 class Distribution:
-    """The distribution of P_D at each of k poses, by a method.
+    """The distribution of P_D of uncertain states at each of k poses, by a method.
 
     A value is NaN where the method has none.
     """
 
+    def __init__(self, states: UncertainStates) -> None:
+        self.states = states
+
     @cached_property
     def p_d(self) -> FloatArray:
         """P_D of the nominal states (k,)."""
-        raise NotImplementedError
+        p_d = self.states.model.unchecked_p_d(self.states.aircraft, self.states.radar)
+        return p_d + np.zeros(len(self.states))
 
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:

@@ -16,9 +16,8 @@ class PlainDraws(Distribution):
     """P_D of uncertain states by plain draws, `states.runs` at each pose."""
 
     def __init__(self, states: UncertainStates) -> None:
-        self.states = states
+        super().__init__(states)
         self._by_beta: dict[float, Estimate] = {}
-        self.p_d = states.model.unchecked_p_d(states.aircraft, states.radar) + np.zeros(len(states))
 
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:

@@ -23,6 +23,7 @@ class Probit(Distribution):
     def __init__(
         self, states: UncertainStates, gradient: tuple[FloatArray, ...] | None = None
     ) -> None:
+        super().__init__(states)
         aircraft, radar, cov_aircraft, cov_radar = states.squeezed
         self._gradient = gradient or states.model.linearize_probit(aircraft, radar)
         z, by_aircraft, by_radar = self._gradient
