@@ -67,7 +67,6 @@ class UncertainStates:
             c_r.
         seed: Seed of draws of these states.
         runs: Draws at each pose of the method `montecarlo`.
-        whole: The states that these are a part of; None if they are no part.
     """
 
     model: NetworkModel
@@ -78,7 +77,6 @@ class UncertainStates:
     tolerances: tuple[tuple[Tolerance, ...], ...]
     seed: int = 1
     runs: int = 500
-    whole: UncertainStates | None = None
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -97,13 +95,12 @@ class UncertainStates:
 
     @cached_property
     def columns(self) -> NDArray[np.intp]:
-        """Columns (r,) of F that are not 0, the same at a pose whatever the other poses are."""
-        if self.whole is not None:
-            return self.whole.columns
+        """Columns (r,) of F that are not 0 at any pose, or of which these are a part."""
         if len(self.cov_radar) == 1:
             return np.flatnonzero(self._root.any(axis=(0, 1)))
-        rest = _without(self.cov_radar, _places_of_constants(self.tolerances))
-        return np.flatnonzero(np.diagonal(rest, axis1=1, axis2=2).any(axis=0))
+        uncertain = np.asarray(np.diagonal(self.cov_radar, axis1=1, axis2=2).any(axis=0))
+        uncertain[_places_of_constants(self.tolerances)] = False
+        return np.flatnonzero(uncertain)
 
     def blocks(self, numbers: int) -> Iterator[UncertainStates]:
         """Yield blocks of poses for an algorithm that needs this many numbers a pose."""
@@ -129,10 +126,10 @@ class UncertainStates:
             radar=radar,
             cov_aircraft=cov_aircraft,
             cov_radar=cov_radar,
-            whole=self if self.whole is None else self.whole,
         )
         roots = ("sqrt_cov_aircraft", "sqrt_cov_radar")
-        vars(part).update({name: some(vars(self)[name]) for name in roots if name in vars(self)})
+        known = {name: some(vars(self)[name]) for name in roots if name in vars(self)}
+        vars(part).update(known, columns=self.columns)
         return part
 
     def with_covariances(
@@ -149,9 +146,7 @@ class UncertainStates:
         by_radar = tuple(map(tuple, tolerances))
         if any(by_radar):
             radar = _with_tolerances(self.radar, radar, by_radar)
-        return replace(
-            self, cov_aircraft=aircraft, cov_radar=radar, tolerances=by_radar, whole=None
-        )
+        return replace(self, cov_aircraft=aircraft, cov_radar=radar, tolerances=by_radar)
 
     def of_radars(
         self, numbers: Sequence[int], model: NetworkModel | None = None
@@ -164,7 +159,6 @@ class UncertainStates:
             radar=self.radar[:, own],
             cov_radar=self.cov_radar[:, own[:, np.newaxis], own],
             tolerances=tuple(self.tolerances[i] for i in numbers),
-            whole=None,
         )
 
     def sight(self, reach: float = REACH) -> NDArray[np.int8]:
