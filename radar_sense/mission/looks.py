@@ -85,13 +85,12 @@ class Looks:
         Aircraft states are (K, paths, 6), radar states (paths, draws, 7).
         """
         station = self.scenario.radars[radar]
-        # the memory order of the states, component first
-        components = np.moveaxis(poses, -1, 0)[:, self.times[radar], :, np.newaxis]
-        visible = station.visible(np.moveaxis(components, 0, -1), states)
+        of_looks = poses[self.times[radar], :, np.newaxis]
+        visible = station.visible(of_looks, states)
         p_d = np.zeros(visible.shape)
         seen = visible.any(axis=(1, 2))
         if seen.any():  # most looks of a long mission are beyond the limits of a radar
-            within = station.model.p_d(np.moveaxis(components[:, seen], 0, -1), states)
+            within = station.model.unchecked_p_d(of_looks[seen], states)
             p_d[seen] = np.where(visible[seen], within, 0.0)
         return p_d.reshape(len(p_d), -1)
 
