@@ -36,7 +36,7 @@ from radar_sense.cost import foresee
 from radar_sense.errors import InputError, counted
 from radar_sense.limits import RUNS, WINDOW, Limit
 from radar_sense.mission.bounds import Cumulative
-from radar_sense.mission.draws import MissionDraws, draw_missions
+from radar_sense.mission.draws import draw_missions
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import recombined_missions
 from radar_sense.mission.tracks import fuse, p_d_by_time
@@ -134,7 +134,7 @@ def mission(
         sizes = f"{len(axis):,} times x {runs:,} runs"
         foresee(sizes, sum(map(len, looks.times)) * runs, less="fewer --runs", workers=workers)
     recombined = recombined_missions(looks, window, k=k, workers=workers)
-    drawn = None if runs is None else draw_missions(looks, window, k=k, workers=workers)
+    drawn, clipped = ([], 0) if runs is None else draw_missions(looks, window, k=k, workers=workers)
     network, *radars = missions = _missions(looks, recombined, drawn)
 
     result = Result(scenario, "montecarlo")
@@ -190,8 +190,8 @@ def mission(
             for one, period in zip(radars, periods, strict=True)
         }
         result.report += words.rows(rows.items())
-    if drawn is not None:
-        _add_differences(result, network, drawn, names, k)
+    if drawn:
+        _add_differences(result, network, clipped, names, k)
     result.report.append(_describe_looks(looks))
     largest = (f"{key} {words.describe_extreme(top, axis)}" for key, top in errors.items())
     result.report.append(f"largest standard error of a bound: {', '.join(largest)}")
@@ -216,15 +216,14 @@ def _window(track: Sequence[int] | None, m: int | None, n: int | None) -> tuple[
 
 
 def _missions(
-    looks: Looks, found: Sequence[list[Cumulative]], drawn: MissionDraws | None
+    looks: Looks, found: Sequence[list[Cumulative]], drawn: Sequence[DrawStatistics]
 ) -> list[Mission]:
     """Return the mission of the network, and that of each radar alone."""
     schedule, p_d = looks.schedule, looks.nominal_p_d()
     times = np.arange(len(schedule.time))
     together = p_d_by_time(schedule, fuse(schedule.radars, p_d), times)[:, 0]
     network, *alone = (dict(zip(EVENTS, events, strict=False)) for events in found)
-    by_runs = dict(zip(EVENTS, [] if drawn is None else drawn.events, strict=False))
-    missions = [Mission("", together, network, by_runs)]
+    missions = [Mission("", together, network, dict(zip(EVENTS, drawn, strict=False)))]
     names = looks.scenario.model.names
     for name, of_looks, at, events in zip(names, p_d, looks.times, alone, strict=False):
         by_time = np.full(len(times), np.nan)
@@ -335,11 +334,12 @@ def _describe_looks(looks: Looks) -> str:
 
 
 def _add_differences(
-    result: Result, network: Mission, drawn: MissionDraws, names: Sequence[str], k: float
+    result: Result, network: Mission, clipped: int, names: Sequence[str], k: float
 ) -> None:
     """Add the largest differences from plain draws, and the draws at the end."""
     axis, differences = result.scenario.axis, {}
-    result.report.append(f"largest difference from {drawn.runs} plain runs (seed {drawn.seed}):")
+    runs, seed = result.scenario.runs, result.scenario.seed
+    result.report.append(f"largest difference from {runs} plain runs (seed {seed}):")
     for name, (event, found) in zip(names, network.events.items(), strict=True):
         draws = network.drawn[event]
         lower, upper = abs(found.lower - draws.lower), abs(found.upper - draws.upper)
@@ -353,11 +353,11 @@ def _add_differences(
             f"between {draws.lower[-1]:.4f} and {draws.upper[-1]:.4f} ({k:g} sigma)",
         ]
     result.summary["monte_carlo"] = {
-        "runs": drawn.runs,
-        "radar_constants_set_to_zero": drawn.clipped,
+        "runs": runs,
+        "radar_constants_set_to_zero": clipped,
         "largest_difference": differences,
     }
-    result.warnings += words.clipping_warnings(drawn.clipped)
+    result.warnings += words.clipping_warnings(clipped)
 
 
 def _draw(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
@@ -19,34 +18,18 @@ from radar_sense.states import AIRCRAFT, of_each
 from radar_sense.streams import Stream, random_stream
 
 
-@dataclass(frozen=True, eq=False)
-class MissionDraws:
-    """Statistics of draws of a whole mission.
-
-    Attributes:
-        runs: Number of runs.
-        seed: Seed of the draws.
-        events: Statistics by each time (K,) of detection, and of a track if m and n are given.
-        clipped: Number of runs in which a radar constant was drawn below zero and set to zero.
-    """
-
-    runs: int
-    seed: int
-    events: list[DrawStatistics]
-    clipped: int
-
-
 def draw_missions(
     looks: Looks,
     m_of_n: tuple[int, int] | None = None,
     *,
     k: float = 3.0,
     workers: int = 1,
-) -> MissionDraws:
-    """Draw whole missions, as many as the runs of the scenario, and return their statistics.
+) -> tuple[list[DrawStatistics], int]:
+    """Draw whole missions, as many as the runs of the scenario, and return statistics of events.
 
-    Tracks are m detections of n looks. The quantiles are at Φ(−k) and Φ(k). The result does not
-    depend on the number of workers.
+    They are by each time (K,), of detection, and of a track if m and n are given: m detections of n
+    looks. The quantiles are at Φ(−k) and Φ(k). Also returned is in how many runs a radar constant
+    was drawn below zero and set to zero. The result does not depend on the number of workers.
     """
     scenario, times, tail = looks.scenario, len(looks.schedule.time), float(ndtr(-k))
     states, runs = scenario.states(), scenario.runs
@@ -74,4 +57,4 @@ def draw_missions(
             total.merge(more)
         all_clipped += of_block
         report("runs", totals[0].count, runs)
-    return MissionDraws(runs, scenario.seed, [total.result() for total in totals], all_clipped)
+    return [total.result() for total in totals], all_clipped
