@@ -69,15 +69,8 @@ def schedule_looks(model: NetworkModel, time_s: FloatArray) -> Schedule:
     radars_of = tuple(
         tuple(i for i, p in enumerate(period_by_radar.values()) if p == one) for one in periods
     )
-    time, looks = _together([_times(time_s, p) for p in periods])
+    time, looks = _together([even_times(time_s, p, "radar.scan_period_s") for p in periods])
     return Schedule(time, periods, radars_of, looks)
-
-
-def _times(time_s: FloatArray, period: float) -> FloatArray:
-    try:
-        return even_times(time_s, period)
-    except InputError as error:  # the message has the argument's name, and not the key
-        raise InputError(str(error).replace("step_s", "radar.scan_period_s")) from error
 
 
 def _together(times_of_groups: Sequence[FloatArray]) -> tuple[FloatArray, NDArray[np.bool_]]:

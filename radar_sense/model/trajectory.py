@@ -101,23 +101,26 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     return interpolate(route, time, method)
 
 
-def even_times(time_s: FloatArray, step_s: float) -> FloatArray:
-    """Return times (n,) [s] at equal steps from the first of some times (m,) [s] up to the last."""
+def even_times(time_s: FloatArray, step_s: float, name: str = "step_s") -> FloatArray:
+    """Return times (n,) [s] at equal steps from the first of some times (m,) [s] up to the last.
+
+    Errors have a name for the step.
+    """
     first, last = float(time_s[0]), float(time_s[-1])
     # A step must be longer than the spacing of floats at this time, some 1e-16 of the time.
     shortest = max(MIN_STEP, 1e-15 * max(abs(first), abs(last)))
     if not (math.isfinite(step_s) and step_s >= shortest):
-        raise InputError(f"step_s must be a number not less than {shortest:g}, got {step_s}")
+        raise InputError(f"{name} must be a number not less than {shortest:g}, got {step_s}")
     # Rounding must not lose the last pose.
     steps = math.floor((last - first) / step_s * (1 + 1e-12) + 1e-9)
     if steps >= MAX_ROWS:
-        raise _too_many(step_s)
+        raise _too_many(step_s, name)
     time: FloatArray = np.minimum(first + step_s * np.arange(steps + 1), last)
     return time
 
 
-def _too_many(step_s: float) -> InputError:
-    return InputError(f"step_s makes more than {MAX_ROWS:,} poses, got {step_s:g}")
+def _too_many(step_s: float, name: str = "step_s") -> InputError:
+    return InputError(f"{name} makes more than {MAX_ROWS:,} poses, got {step_s:g}")
 
 
 def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
