@@ -79,7 +79,25 @@ class StagedDraws:
 
     @cached_property
     def _lobed(self) -> NDArray[np.bool_]:
-        return lobed(self.states)
+        """Where (k,) ±3σ of the aspect of a radar are wider than a lobe of RCS or antenna.
+
+        Few draws may then miss a lobe that weighs as much as a tail. σ is at most this.
+        """
+        states, result = self.states, np.zeros(len(self.states), dtype=bool)
+        attitude = largest_variance(states.cov_aircraft, ATTITUDE)
+        for i, radar in enumerate(states.model.radars):
+            position = of_radar(i, POSITION)
+            line = states.aircraft[:, POSITION] - states.radar[:, position]
+            across = largest_variance(states.cov_aircraft, POSITION)
+            across = across + largest_variance(states.cov_radar, position)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                turned = across / np.sum(line * line, axis=1)
+            result |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(attitude + turned))
+            if radar.model.antenna is not None:
+                of_tilt = of_radar(i, slice(TILT_ERROR, TILT_ERROR + 1))
+                tilt = largest_variance(states.cov_radar, of_tilt)
+                result |= ~(radar.model.antenna.detail >= 6.0 * np.sqrt(tilt + turned))
+        return result
 
     def _at(self, rows: NDArray[np.intp], draws: int) -> Estimate:
         """Return what this number of draws says at some poses, from before where it is known."""
@@ -88,26 +106,3 @@ class StagedDraws:
         if new.size:
             known.put(new, estimate(self.states.at(new), draws, self._beta, self._p_max))
         return known.at(rows)
-
-
-def lobed(states: UncertainStates) -> NDArray[np.bool_]:
-    """Return where (k,) ±3σ of the aspect of a radar are wider than a lobe of RCS or antenna.
-
-    Few draws may then miss a lobe that weighs as much as a tail. σ is at most this.
-    """
-    result = np.zeros(len(states), dtype=bool)
-    attitude = largest_variance(states.cov_aircraft, ATTITUDE)
-    for i, radar in enumerate(states.model.radars):
-        position = of_radar(i, POSITION)
-        line = states.aircraft[:, POSITION] - states.radar[:, position]
-        across = largest_variance(states.cov_aircraft, POSITION)
-        across = across + largest_variance(states.cov_radar, position)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            turned = across / np.sum(line * line, axis=1)
-        result |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(attitude + turned))
-        if radar.model.antenna is not None:
-            tilt = largest_variance(
-                states.cov_radar, of_radar(i, slice(TILT_ERROR, TILT_ERROR + 1))
-            )
-            result |= ~(radar.model.antenna.detail >= 6.0 * np.sqrt(tilt + turned))
-    return result
