@@ -134,5 +134,4 @@ def rate(runs: NDArray[np.int64], error: FloatArray) -> float:
     runs, error = runs[-RATE_SIZES:], error[-RATE_SIZES:]
     if len(runs) < 2 or not (error > 0).all():
         return float("nan")
-    x = np.log(runs) - np.log(runs).mean()
-    return float(np.sum(x * np.log(error)) / np.sum(x * x))
+    return float(np.polyfit(np.log(runs), np.log(error), 1)[0])
