@@ -49,17 +49,10 @@ class Turn(NamedTuple):
         return cls(cos=scale, sin=t)
 
     def apply(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return components (u, v) in axes turned by the angle."""
+        """Return components (u, v) in axes turned by the angle; (v, u) are those turned back."""
         along, across = self.cos * u, self.cos * v
         along += self.sin * v
         across -= self.sin * u
-        return along, across
-
-    def undo(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return components (u, v) in axes turned back by the angle."""
-        along, across = self.cos * u, self.cos * v
-        along -= self.sin * v
-        across += self.sin * u
         return along, across
 
 
@@ -93,13 +86,13 @@ class Attitude(NamedTuple):
         """
         (x, y, z), (gx, gy, gz) = body, gradient
         roll = gy * z - gz * y
-        y, z = self.roll.undo(y, z)
-        gy, gz = self.roll.undo(gy, gz)
+        z, y = self.roll.apply(z, y)
+        gz, gy = self.roll.apply(gz, gy)
         pitch = gz * x - gx * z
-        z, x = self.pitch.undo(z, x)
-        gz, gx = self.pitch.undo(gz, gx)
+        x, z = self.pitch.apply(x, z)
+        gx, gz = self.pitch.apply(gx, gz)
         yaw = gx * y - gy * x
-        gx, gy = self.yaw.undo(gx, gy)
+        gy, gx = self.yaw.apply(gy, gx)
         return Vector(gx, gy, gz), Vector(roll, pitch, yaw)
 
 
