@@ -59,6 +59,15 @@ def check_choice(name: str, value: object, allowed: Iterable[str]) -> None:
         )
 
 
+def check_has(name: str, value: object, needed: Sequence[str], kind: str, example: str) -> None:
+    """Raise InputError unless a value has all that a kind of thing needs."""
+    missing = [attribute for attribute in needed if not hasattr(value, attribute)]
+    if isinstance(value, type) or len(missing) == len(needed):
+        raise InputError(f"{name} must be {kind} such as {example}, got {describe(value)}")
+    if missing:
+        raise InputError(f"{name} has no {missing[0]}, which {kind} has, got {describe(value)}")
+
+
 class ComputationError(RuntimeError):
     """A computation that could not be completed, described in one line with the remedy."""
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, ndtri_exp
 
-from radar_sense.errors import InputError, describe
+from radar_sense.errors import InputError, check_has
 from radar_sense.limits import Limit, check_number, check_parameters, parameter
 from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tails
 from radar_sense.model.normal import density, hazard
@@ -55,14 +55,7 @@ class Detector(Protocol):
 
 def check_detector(detector: Any) -> None:
     """Raise InputError unless an object has the methods of a detector."""
-    needed = ("p_d", "linearize_probit")
-    missing = [name for name in needed if not hasattr(detector, name)]
-    if isinstance(detector, type) or len(missing) == len(needed):
-        raise InputError(f"detector must be a detector such as Marcum(), got {describe(detector)}")
-    if missing:
-        raise InputError(
-            f"detector has no {missing[0]}, which a detector has, got {describe(detector)}"
-        )
+    check_has("detector", detector, ("p_d", "linearize_probit"), "a detector", "Marcum()")
 
 
 D = TypeVar("D", bound=type[Detector])

@@ -26,7 +26,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
-from radar_sense.errors import InputError, describe
+from radar_sense.errors import InputError, check_has
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
 from radar_sense.model.geometry import Turn, join, split
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS
@@ -81,11 +81,7 @@ def check_rcs(rcs: Any) -> None:
     if type(rcs) in RCS_MODELS.values():
         return
     needed = ("cross_section", "linearize", "isotropic", "detail")
-    missing = [name for name in needed if not hasattr(rcs, name)]
-    if isinstance(rcs, type) or len(missing) == len(needed):
-        raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {describe(rcs)}")
-    if missing:
-        raise InputError(f"rcs has no {missing[0]}, which an RCS model has, got {describe(rcs)}")
+    check_has("rcs", rcs, needed, "an RCS model", "ConstantRCS(0.1)")
     name = type(rcs).__name__
     around = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
     vectors = 1e5 * around[around.any(axis=1)].reshape(2, 13, 3)
