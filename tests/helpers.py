@@ -532,7 +532,8 @@ def few_judging_draws(patch, first=256, most=1024):
     patch.setattr("radar_sense.propagation.staged.FIRST", first)
     for name in ("automatic.LAST", "automatic.MANY", "staged.PRECISE"):
         patch.setattr(f"radar_sense.propagation.{name}", most)
-    patch.setattr("radar_sense.accuracy.PRECISE", most)
+    for name in ("PRECISE", "MANY"):
+        patch.setattr(f"radar_sense.accuracy.{name}", most)
     patch.setattr("radar_sense.coverage.ranges.DRAWS", (first, most))
 
 

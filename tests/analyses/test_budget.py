@@ -16,6 +16,7 @@ from radar_sense import analyses
 from radar_sense.accuracy import required_accuracies
 from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
+from radar_sense.propagation.staged import MANY
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 from radar_sense.sources import error_budget
 from radar_sense.states import CONSTANT, RCS_ERROR
@@ -166,7 +167,7 @@ def test_required_accuracies_between_the_azimuths_of_a_table(goal, limit, sweep)
     """The worst place is between the few azimuths. Many azimuths require nearly the same."""
     start, stop, step = sweep
     few, many = (
-        scenario(geometry__azimuth_deg={"start": start, "stop": stop, "step": s}) for s in (step, 1)
+        scenario(geometry__azimuth_deg={"start": start, "stop": stop, "step": s}) for s in (step, 2)
     )
     results = [analyses.budget(s, **{goal: limit}, method="probit") for s in (few, many)]
     sparse, dense = (result.summary[goal] for result in results)
@@ -273,6 +274,13 @@ analysis: {level: s}
 """
 
 
+@pytest.fixture
+def many_draws(monkeypatch):
+    """Let draws find a factor as for a user, and a quarter of those for a user judge it."""
+    monkeypatch.setattr(module, "PRECISE", 4096)
+    monkeypatch.setattr(module, "MANY", MANY)
+
+
 def required(s, limit, *names):
     """The accuracy of some of the sources, by draws where `form` is off."""
     goal = module._Goal(s, limit, None, "automatic")
@@ -297,9 +305,9 @@ def three_sigma_at_a_limit(near, edge, aircraft, runs=100_000):
     return 3 * np.std(missed)
 
 
-def test_a_limit_in_reach_of_errors_bounds_the_factors(monkeypatch):
+@pytest.mark.usefixtures("many_draws")
+def test_a_limit_in_reach_of_errors_bounds_the_factors():
     """FORM does not see the limit. σ grows with a factor and falls again, as radars scatter."""
-    monkeypatch.setattr(module, "PRECISE", 4096)
     s = parse_scenario(AT_A_LIMIT)
     assert three_sigma_at_a_limit(1, 1, 1) > 0.25
     assert three_sigma_at_a_limit(1, 1e6, 1) < 0.1
@@ -318,9 +326,9 @@ def test_a_limit_in_reach_of_errors_bounds_the_factors(monkeypatch):
     assert three_sigma_at_a_limit(1, 1, grown["aircraft_position"].factor) < 0.55
 
 
-def test_a_growth_that_meets_a_limit_is_not_allowed(monkeypatch):
+@pytest.mark.usefixtures("many_draws")
+def test_a_growth_that_meets_a_limit_is_not_allowed():
     """The limit is 20 km away, 200 σ, and beyond some 1000 σ the radar is seldom in range."""
-    monkeypatch.setattr(module, "PRECISE", 4096)
     content = yaml.safe_load(AT_A_LIMIT)
     del content["radars"][0]
     content["radars"][0] |= {"max_range_km": 100, "constant": 5}
@@ -337,9 +345,9 @@ def test_a_growth_that_meets_a_limit_is_not_allowed(monkeypatch):
     assert found["radar_constant"].factor == np.inf
 
 
+@pytest.mark.usefixtures("many_draws")
 def test_draws_find_the_poses_at_which_they_verify(monkeypatch):
     """Of 31 poses on a line one is 30 m beyond the limit, with errors of 100 m."""
-    monkeypatch.setattr(module, "PRECISE", 4096)
     monkeypatch.setattr(module, "VERIFIED", 1)
     content = yaml.safe_load(AT_A_LIMIT)
     del content["radars"][0]
