@@ -210,6 +210,7 @@ def test_a_lobe_of_a_third_of_a_degree_between_rows_is_found(tmp_path, kind, cen
         assert low["above_s"] == pytest.approx(2 * np.deg2rad(half) * 20e3 / 200, abs=0.4)
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_a_factor_of_a_budget_is_confirmed_by_plain_draws_of_another_program():
     """Where 3 sigma is largest it is 0.5 with all deviations some 3.58 times as large."""
     folder = Path(__file__).parents[1] / "studies/cases"

@@ -371,21 +371,6 @@ def test_steps_that_turn_the_aspect_or_move_by_a_tenth_are_coarse(tmp_path):
     assert (refinement.coarseness(moving) > 1).tolist() == [False, True]
 
 
-def test_interpolate_chooses_the_rows_of_the_table_and_not_the_poses_of_the_test(tmp_path):
-    """Between waypoints the verdict does not depend on the step."""
-    route = {"type": "path", "file": "route.csv"}
-    first = analyses.variance(past(tmp_path, geometry=route), threshold=0.1).summary["threshold"]
-    assert first["verdict"] == "violated"
-    for step in (400, 90):
-        s = past(tmp_path, geometry={**route, "interpolate": {"step_s": step}})
-        result = analyses.variance(s, threshold=0.1)
-        assert len(result.table["p_d"]) == len(s.aircraft) == 3600 / step + 1
-        test = result.summary["threshold"]
-        worst = test["worst_margin"]["value"]
-        assert worst == pytest.approx(first["worst_margin"]["value"], abs=0.001)
-        assert test["above_s"] == pytest.approx(first["above_s"], rel=0.01)
-
-
 def true_upper(theta_deg):
     """The 3-sigma bound of the paper's scenario at High."""
     return reading.paper("high")["upper_3"][round(theta_deg / 2.5)]
