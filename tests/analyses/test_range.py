@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -46,6 +47,7 @@ def test_the_engagement_zone_of_the_literature():
     assert column(result, "range_m_0.15") == pytest.approx(3041.862, abs=5.6e-3)
 
 
+@cache
 def bands(s, p_d, bearing_deg, draws, seed):
     """Detection ranges (draws,) of one bearing by bisection, with drawn states; flat earth."""
     rng = np.random.default_rng(seed)

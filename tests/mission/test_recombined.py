@@ -87,6 +87,7 @@ def drawn_interval(rows, level, errors=3):
 def test_bounds_are_those_of_plain_missions(tmp_path, monkeypatch, names, tau, pose, changes):
     """By all times, for the network and each radar alone, within the printed standard errors."""
     monkeypatch.setattr(recombined, "MAX_DRAWS", 2048)
+    runs = 15_000
     looks = Looks.of(load(tmp_path, names, tau, pose, **changes))
     assert looks.scenario.radar[3] == pytest.approx(
         changes.get("weaker", 1.0) * RADARS[names[0]][1], rel=1e-9
@@ -96,11 +97,11 @@ def test_bounds_are_those_of_plain_missions(tmp_path, monkeypatch, names, tau, p
     sources = [names] + ([[name] for name in names] if len(names) > 1 else [])
     for some, events in zip(sources, found, strict=True):
         content = mission_document(some, tau, pose, **changes)
-        plain = PlainMissions(content, ROUTE, 30_000, 1)
+        plain = PlainMissions(content, ROUTE, runs, 1)
         own = np.searchsorted(looks.schedule.time, plain.times)
         for event, drawn in zip(events, plain.events(2, 3), strict=True):
             mean, std = drawn.mean(axis=1), drawn.std(axis=1)
-            error = np.hypot(event.mean_se[own], std / math.sqrt(30_000))
+            error = np.hypot(event.mean_se[own], std / math.sqrt(runs))
             assert np.all(abs(event.mean[own] - mean) <= 5 * error)
             assert np.all(event.mean_se[own] <= 0.03 * std)
             assert event.std[-1] == pytest.approx(std[-1], rel=0.06)
