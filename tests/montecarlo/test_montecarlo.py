@@ -116,24 +116,6 @@ def test_yaw_alone_against_the_integral():
     assert np.max(np.abs(z_std)) < 4.5
 
 
-@pytest.mark.parametrize("level", ["low", "high"])
-def test_everything_together_against_brute_force(level):
-    s = scenario(geometry__azimuth_deg=FEW)
-    runs, brute = 20000, 30000
-    mc = monte_carlo(s, runs=runs, seed=5, level=level)
-    rng = np.random.Generator(np.random.Philox(6))
-    position, constant = {"low": (10, 1), "high": (1000, 10)}[level]
-    for i, nominal in enumerate(s.aircraft):
-        angles = np.radians(1)
-        aircraft = nominal + rng.normal(size=(brute, 6)) * [10, 10, 10, angles, angles, angles]
-        radar = s.radar + rng.normal(size=(brute, 4)) * [position, position, position, constant]
-        draws = p_d(s, aircraft, radar)
-        std, fourth = draws.std(ddof=1), np.mean((draws - draws.mean()) ** 4)
-        error_mean, error_std = errors_of_moments(std, fourth, 1 / (1 / runs + 1 / brute))
-        assert abs(mc.mean[i] - draws.mean()) < 4.5 * error_mean
-        assert abs(mc.std[i] - std) < 4.5 * error_std
-
-
 def test_radar_is_drawn_once_per_run():
     mc = monte_carlo(only_radar_constant(), runs=200)
     errors = mc.sample_paths - mc.band.p_d
