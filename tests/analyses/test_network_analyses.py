@@ -96,20 +96,14 @@ def with_few_poses(text):
     return content
 
 
-@pytest.mark.parametrize("name", ["paper", "covariance", "s_band_surveillance", "path"])
+@pytest.mark.parametrize("name", ["paper", "s_band_surveillance"])
 def test_a_list_of_one_radar_is_that_radar_bit_for_bit(tool, name):
     content = with_few_poses((CONFIGS / f"{name}.yaml").read_text())
     write(yaml_text(content), "single.yaml")
     of_radar = content["uncertainty"].pop("radar")
     content["radars"] = [{"name": "one", **content.pop("radar"), "uncertainty": of_radar}]
     write(yaml_text(content))
-    for line in (
-        "variance --method form",
-        "sensitivity --method probit",
-        "budget",
-        "montecarlo --runs 64",
-        "montecarlo --runs 64 --sampler sobol",
-    )[: {"paper": 5, "s_band_surveillance": 4}.get(name, 1)]:
+    for line in ("variance --method form", "budget", "montecarlo --runs 64"):
         tables = []
         for file in ("my.yaml", "single.yaml"):
             code, _, err = tool(*line.split(), file, "--no-plot", "--out", file[0])

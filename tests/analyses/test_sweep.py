@@ -33,17 +33,6 @@ def test_each_row_is_what_variance_says_of_the_value(method):
         assert found["largest_three_sigma"][row] == 3 * one.table["sigma_pd"].max()
 
 
-def test_the_largest_p_d_of_the_papers_formula():
-    """North's approximation with S proportional to the constant, in arithmetic of its own."""
-    from math import erfc, log, sqrt
-
-    table = analyses.sweep(rs.load_scenario(), **SWEPT).table
-    s = rs.load_scenario()
-    snr = float(np.max(s.model.snr(s.aircraft, s.radar))) / 167
-    expected = [0.5 * erfc(sqrt(-log(1.7e-4)) - sqrt(value * snr + 0.5)) for value in VALUES]
-    assert_allclose(table["highest_p_d"], expected, rtol=1e-12)
-
-
 def test_the_answer_of_a_threshold_is_where_it_holds():
     result = analyses.sweep(rs.load_scenario(), threshold=0.7, **SWEPT)
     heading = "P_D + 3 sigma <= 0.7 by radar.constant:"
