@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import cov_by_level, scenario, sheet_scenario, single, with_arrays, write_path
+from helpers import (
+    OVERHEAD,
+    cov_by_level,
+    scenario,
+    sheet_scenario,
+    single,
+    with_arrays,
+    write_path,
+)
 from reference import reading
 from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
@@ -469,6 +477,25 @@ def test_how_small_a_source_must_be_for_the_bound(threshold):
     scaled = [cov * found["all"].factor ** 2 for cov in (s.cov_aircraft, s.cov_radar)]
     band = rs.propagate(s.model, s.aircraft, s.radar, *scaled, method="form")
     assert band.upper.max() == pytest.approx(threshold, abs=1e-6)
+
+
+def test_no_accuracy_is_enough_where_p_d_is_above_at_one_pose():
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 45, "step": 45})
+    assert (s.p_d() > 0.5).tolist() == [False, True]
+    found = required_accuracies(s, 0.5, k=3.0, method="linear")
+    assert {a.residual_from for a in found.values()} == {"P_D itself"}
+    assert {a.place for a in found.values()} == {s.axis.values[1]}
+
+
+@pytest.mark.parametrize("method", ["linear", "form"])
+def test_a_bound_without_a_value_is_not_known_to_hold(method):
+    """Straight above the radar, where draws alone have a bound: they say that the test holds."""
+    level = {"medium": {"position_m": 100, "constant": 1e-7}}
+    s = scenario(**OVERHEAD, radar__constant=1e-6, uncertainty__radar=level)
+    found = analyses.variance(s, threshold=0.5, method=method)
+    assert np.isnan(found.table["upper_3sigma"]).all()
+    assert found.summary["threshold"]["verdict"] == "not known"
+    assert analyses.variance(s, threshold=0.5, method="automatic").passed
 
 
 @pytest.mark.usefixtures("few_judge")

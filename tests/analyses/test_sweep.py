@@ -57,6 +57,17 @@ def test_the_answer_of_a_threshold_is_where_it_holds():
         assert low.table["margin"][row] == worst
 
 
+def test_k_is_that_of_the_bounds_and_of_the_test():
+    found = analyses.sweep(rs.load_scenario(), threshold=0.9, k=2, **SWEPT).table
+    for row, value in enumerate(VALUES):
+        own = analyses.variance(
+            rs.load_scenario(changes={"radar.constant": value}), threshold=0.9, k=2
+        )
+        worst = own.summary["threshold"]["worst_margin"]["value"]
+        assert found["margin"][row] == worst
+        assert found["highest_upper"][row] == own.table["upper_2sigma"].max()
+
+
 def test_the_command_line(tool):
     args = ["sweep", "radar.position_m[3]", "-100", "-20", "40", "--method", "automatic"]
     code, out, err = tool(*args)
