@@ -203,10 +203,13 @@ def _add_margin(
     """Add the margin with its bounds (n,), by the scenario's method, and return the three."""
     scenario = result.scenario
     (radar,) = scenario.model.radars
-    model = dataclasses.replace(radar.model, detector=Margin(needed_db))
+    # the margin over the middle SNR, because a probability near 0 or 1 has few digits for draws
+    middle = float(np.median(np.nan_to_num(snr_db, posinf=0.0, neginf=0.0)))
+    model = dataclasses.replace(radar.model, detector=Margin(middle))
     radars = (dataclasses.replace(radar.without_limits(), model=model),)
     free = dataclasses.replace(scenario, radars=radars)
     lower, upper, off = _bounds(free, scenario.method, k)
+    lower, upper = lower + (middle - needed_db), upper + (middle - needed_db)
     no_signal = lower + needed_db <= words.decibels(np.array(LEAST)) + 1e-6
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 0]
     margins = snr_db - needed_db, np.where(no_signal, -np.inf, lower), upper

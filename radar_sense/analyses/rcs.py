@@ -55,7 +55,9 @@ def rcs(scenario: Scenario) -> Result:
     azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
     elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
     maps = [
-        pattern(of, azimuth, elevation[:, np.newaxis]) for of in (model, spread) if of is not None
+        np.array(pattern(of, azimuth, elevation[:, np.newaxis]))
+        for of in (model, spread)
+        if of is not None
     ]
     kept = np.ones(len(elevation), dtype=bool)
     for pole in (0, -1):  # straight above and below, a table needs one value for all azimuths

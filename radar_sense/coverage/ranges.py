@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +12,21 @@ from scipy.special import ndtr, ndtri
 
 from radar_sense.coverage.rays import (
     FARTHEST,
+    HALVINGS,
     INSIDE,
+    NEAREST,
     Rays,
     Reach,
     Survey,
     first_guess,
+    quantile_above,
     reach_of_bound,
     reach_of_quantile,
 )
 from radar_sense.model.radar import ALWAYS, NEVER
 from radar_sense.propagation import AUTOMATIC
 from radar_sense.propagation.automatic import ERRORS
-from radar_sense.propagation.draws import exceedance
+from radar_sense.propagation.draws import tail_probability
 from radar_sense.propagation.staged import FIRST, FURTHER, MANY, PRECISE
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
@@ -32,6 +34,8 @@ from radar_sense.states import FloatArray
 #: Nodes ±√3 and 0 of the Gauss-Hermite rule of three points, exact for polynomials up to degree 5
 #: (M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions, 1964, 25.4.46).
 NODE = math.sqrt(3.0)
+#: Half the width in σ of the band in which the range must be a smooth function for σ by this rule.
+WIDEST = 3.0
 #: Relative step of the distance for the slope of P_D along a ray. The error is the square.
 _STEP = 1e-5
 #: Draws at both sides of an end of a band, and more where these do not tell whether it is between.
@@ -94,10 +98,8 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         std = budget.total.std / abs(slope)
         middle, limit = around.slant_range(distance), limit_of_radar(seen)
         lower, upper = (np.clip(middle + sign * k * std, 0.0, limit) for sign in (-1, 1))
-        rise = middle**2 - distance**2
-        along = (np.sqrt(np.maximum(end * end - rise, 0.0)) for end in (lower, upper))
-        ends = zip(along, (-k, k), strict=True)
-        confirmed = [_confirmed(around, end, value, beta) for end, beta in ends]
+        ends = zip((lower, upper), (-k, k), strict=True)
+        confirmed = [_confirmed(around, _along(around, end), value, beta) for end, beta in ends]
         unreliable = exists & ~np.all(confirmed, axis=0)
     else:
         lower, upper, std, unreliable = _band(seen, value, reach.distance, method, k)
@@ -120,27 +122,28 @@ def _band(
     around, betas = seen.all_rays, (-k, k, -NODE, NODE)
     smooth = "form" if method == AUTOMATIC else method
     ends = [reach_of_quantile(seen, value, smooth, beta) for beta in betas]
+    widest = [reach_of_quantile(seen, value, smooth, beta) for beta in (-WIDEST, WIDEST)]
     hidden = np.zeros(len(distance))
     nowhere = np.flatnonzero(np.any([end == 0 for end in ends], axis=0))
     if nowhere.size:
         hidden[nowhere] = _hidden(seen.part(nowhere), value, smooth, k)
-    unreliable = np.zeros(len(distance), dtype=bool)
-    for end, beta in zip(ends, betas, strict=True):
-        off = np.where(end == 0, hidden > 0, ~_confirmed(around, end, value, beta))
+    off = np.zeros((len(betas), len(distance)), dtype=bool)
+    for end, beta, wrong in zip(ends, betas, off, strict=True):
+        wrong[:] = np.where(end == 0, hidden > 0, ~_confirmed(around, end, value, beta))
         if method == AUTOMATIC:  # at a limit the end is not of the method, and errors may cross it
-            off |= (end >= INSIDE * seen.limit) & (end > 0) & _limit_in_reach(around, end)
-        rows = np.flatnonzero(off)
+            wrong |= (end >= INSIDE * seen.limit) & (end > 0) & _limit_in_reach(around, end)
+        rows = np.flatnonzero(wrong)
         if method == AUTOMATIC and rows.size:
             guess = np.where(end == 0, hidden, end)[rows]
-            found, imprecise = _by_draws(seen.part(rows), guess, value, beta)
-            end[rows], off[rows] = found, imprecise
-        unreliable |= off
+            end[rows], wrong[rows] = _by_draws(seen.part(rows), guess, value, beta)
+        wrong &= ~np.isnan(end)  # which is said to have no value
     lower, upper, first, last = map(around.slant_range, ends)
     std = _std_of_quantiles(first, around.slant_range(distance), last)
-    # three nodes do not follow a limit within the band
-    cut = [(end == 0) | _limit_in_reach(around, end) for end in ends]
+    # three nodes do not follow a limit within the band, or a range that there may not be
+    cut = [(end == 0) | _limit_in_reach(around, end) for end in (*widest, *ends[2:])]
     std[np.any(cut, axis=0)] = np.nan
-    return lower, upper, std, unreliable
+    of_std = np.any(off[2:], axis=0) & np.isfinite(std)
+    return lower, upper, std, np.any(off[:2], axis=0) | of_std
 
 
 def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
@@ -149,8 +152,7 @@ def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
     The bound is that without limits. The distance is 0 where errors do not.
     """
     guess, far = first_guess(seen, value, k), np.full(len(seen.p_d), FARTHEST)
-    bound = partial(Rays.quantile, method=method, beta=k)
-    free = reach_of_bound(seen, guess, value, far, bound)
+    free = reach_of_bound(seen, guess, far, quantile_above(value, method, k))
     samples = np.broadcast_to(seen.distance, seen.p_d.shape)
     sight = seen.all_rays.at(samples, limits=True).states().sight().reshape(samples.shape)
     seen_at = (sight != NEVER) & (samples <= np.nan_to_num(free, nan=FARTHEST)[:, np.newaxis])
@@ -162,6 +164,16 @@ def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) 
     mean = (lower + 4.0 * middle + upper) / 6.0
     variance = ((lower - mean) ** 2 + 4.0 * (middle - mean) ** 2 + (upper - mean) ** 2) / 6.0
     return np.sqrt(variance)
+
+
+def _along(around: Rays, slant: FloatArray) -> FloatArray:
+    """Return the distances (n,) at slant ranges (n,); 0 for 0."""
+    near, far = np.full(len(slant), NEAREST), np.full(len(slant), FARTHEST)
+    for _ in range(HALVINGS):
+        middle = np.sqrt(near * far)
+        below = around.slant_range(middle) < slant
+        near, far = np.where(below, middle, near), np.where(below, far, middle)
+    return np.where(slant > 0, np.sqrt(near * far), 0.0)
 
 
 def _limit_in_reach(around: Rays, distance: FloatArray) -> NDArray[np.bool_]:
@@ -190,8 +202,8 @@ def _by_draws(
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return how far (n,) the quantile of P_D at Φ(β) by draws reaches a value, within the limits.
 
-    There P(P_D > value) is Φ(−β), which falls with distance without a jump, also across a limit
-    that errors may cross. Few draws search the distance, from a guess (n,) that is NaN where none
+    There P(P_D > value) is Φ(−β). It falls with distance without a jump, also across a limit that
+    errors may cross. Few draws search the distance, from a guess (n,) that is NaN where none
     is known. More draws correct it until its standard error is `PRECISION`: Φ⁻¹(P) is close to
     linear. Also returned is where (n,) even the most draws are not precise.
     """
@@ -199,16 +211,17 @@ def _by_draws(
     guess = np.where(np.isnan(guess), first_guess(seen, value, beta), guess)
 
     def above(rays: Rays, at: FloatArray) -> FloatArray:
-        return exceedance(rays.at(at, limits=True).states(), FIRST, beta, value)[0]
+        tail, _ = tail_probability(rays.at(at, limits=True).states(), FIRST, beta, value)
+        return np.asarray(np.sign(beta) * ndtri(tail) + beta)
 
-    reach = reach_of_bound(seen, guess, float(ndtr(-beta)), limit, above, *TOLERANCES)
+    reach = reach_of_bound(seen, guess, limit, above, *TOLERANCES)
     rows = np.flatnonzero(reach > 0)
     for draws in DRAWS:
         if not rows.size:
             break
         at = reach[rows]
         excess, errors = _beside(seen.all_rays.part(rows), at, value, beta, draws)
-        near, far = ndtri(excess + ndtr(-beta))
+        near, far = np.sign(beta) * ndtri(np.sign(beta) * excess + ndtr(-abs(beta)))
         with np.errstate(divide="ignore", invalid="ignore"):
             step = ((near + far) / 2.0 + beta) / np.maximum(near - far, 0.0)
         sure = 2.0 * np.max(errors, axis=0) <= excess[0] - excess[1]
@@ -224,12 +237,12 @@ def _beside(
 ) -> tuple[FloatArray, FloatArray]:
     """Return P(P_D > value) − Φ(−β) (2, n) by draws, `PRECISION` nearer than an end and farther.
 
-    The standard errors (2, n) are returned, too.
+    The standard errors (2, n) are returned, too. Both are of the smaller tail, without rounding.
     """
     sides = end[:, np.newaxis] * (1.0 + PRECISION * np.array([-1.0, 1.0]))
-    found = exceedance(rays.at(sides, limits=True).states(), draws, beta, value)
-    probability, errors = (values.reshape(sides.shape).T for values in found)
-    return probability - ndtr(-beta), errors
+    found = tail_probability(rays.at(sides, limits=True).states(), draws, beta, value)
+    tail, errors = (values.reshape(sides.shape).T for values in found)
+    return np.sign(beta) * (tail - ndtr(-abs(beta))), errors
 
 
 def _enclosed(excess: FloatArray, errors: FloatArray, end: FloatArray) -> NDArray[np.bool_]:

@@ -243,14 +243,23 @@ def reach_of_quantile(seen: Survey, value: float, method: str, beta: float) -> F
     The quantile by `probit` costs little, and starts the search for that by the method. The
     distance is 0 where the quantile is nowhere as high, NaN where the method has no value.
     """
-
-    def bound(rays: Rays, distance: FloatArray) -> FloatArray:
-        return rays.quantile(distance, method, beta)
-
-    found = reach_of_bound(seen, first_guess(seen, value, beta), value, seen.limit, bound)
+    above = quantile_above(value, method, beta)
+    found = reach_of_bound(seen, first_guess(seen, value, beta), seen.limit, above)
     inside = np.where(found > 0, found * INSIDE, NEAREST)[:, np.newaxis]
     found[(found > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0.0
     return found
+
+
+def quantile_above(
+    value: float, method: str, beta: float
+) -> Callable[[Rays, FloatArray], FloatArray]:
+    """Return the function from rays and distances (j,) to z of the quantile less z of a value."""
+
+    def above(rays: Rays, distance: FloatArray) -> FloatArray:
+        quantile = np.clip(rays.quantile(distance, method, beta), 0.0, 1.0)
+        return np.asarray(ndtri(quantile) - ndtri(value))
+
+    return above
 
 
 def first_guess(seen: Survey, value: float, beta: float) -> FloatArray:
@@ -267,36 +276,32 @@ def first_guess(seen: Survey, value: float, beta: float) -> FloatArray:
 def reach_of_bound(
     seen: Survey,
     guess: FloatArray,
-    value: float,
     limit: FloatArray,
-    bound: Callable[[Rays, FloatArray], FloatArray],
+    above: Callable[[Rays, FloatArray], FloatArray],
     z_tolerance: float = Z_TOLERANCE,
     tolerance: float = NEAR_ENOUGH,
 ) -> FloatArray:
-    """Return how far (n,) a bound of P_D, or another probability, reaches a value, up to a limit.
+    """Return how far (n,) a bound of P_D reaches a value, up to a limit.
 
     The distance is 0 where the bound is nowhere as high, and NaN where it is not known.
 
     Args:
         seen: P_D along the rays.
         guess: Where the bound may reach the value (n,) [m].
-        value: Value of the bound.
         limit: Largest distance (n,) [m]; 0 for a ray without any.
-        bound: From j rays and distances (j,) to the bound (j,).
-        z_tolerance: |z| of the bound less z of the value that is near enough.
+        above: From j rays and distances (j,) to z of the bound less z of the value (j,), or of
+            another probability that falls with distance.
+        z_tolerance: |z| of the difference that is near enough.
         tolerance: Relative error of the distance that is near enough.
     """
     from scipy.optimize.elementwise import find_root  # slow to import
 
-    wanted = ndtri(value)
-
     def excess(rows: NDArray[np.intp], distance: FloatArray) -> FloatArray:
-        """Return z of the bound minus z of the value, on some rays."""
+        """Return the difference on some rays."""
         if not len(rows):
             return np.empty(0)
-        z = ndtri(np.clip(bound(seen.all_rays.part(rows), distance), 0.0, 1.0))
-        result: FloatArray = np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT) - wanted
-        return result
+        z = above(seen.all_rays.part(rows), distance)
+        return np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT)
 
     all_rows = np.arange(len(guess))
     near = np.clip(guess, NEAREST, np.maximum(limit, NEAREST))

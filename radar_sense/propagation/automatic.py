@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.propagation.draws import Estimate, exceedance
+from radar_sense.propagation.draws import Estimate, tail_probability
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.moments import BETA, Distribution
 from radar_sense.propagation.staged import FIRST, LAST, MANY, PRECISE, StagedDraws
@@ -151,7 +151,7 @@ class Automatic(Distribution):
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) by draws."""
-        return exceedance(self.states, PRECISE, BETA, p_max)[0]
+        return tail_probability(self.states, PRECISE, BETA, p_max)[0]
 
     def with_covariances(self, changed: UncertainStates) -> Automatic:
         """Return the method for the same states with other covariances."""

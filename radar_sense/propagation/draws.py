@@ -93,19 +93,19 @@ def estimate(
     return found
 
 
-def exceedance(
-    states: UncertainStates, draws: int, beta: float, p_max: float, *, plain: bool = False
+def tail_probability(
+    states: UncertainStates, draws: int, beta: float, value: float, *, plain: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return P(P_D > p_max) (k,) by draws, and its standard error (k,).
+    """Return P(P_D > value) (k,) by draws, for negative β P(P_D ≤ value), and its standard error.
 
     It takes much less time than `estimate`. The error is least where the probability is about
-    Φ(−β). Plain draws are as of `estimate`.
+    Φ(−|β|). Plain draws are as of `estimate`.
     """
-    above, errors = np.zeros(len(states)), np.zeros(len(states))
+    found, errors = np.full(len(states), float(beta < 0)), np.zeros(len(states))
     for poses, p_d, weights, towards in _drawn(states, draws, abs(beta), plain=plain):
-        strata = _Strata(weights, towards[int(beta < 0)], abs(beta))
-        above[poses], errors[poses] = strata.share(p_d > p_max)
-    return above, errors
+        strata, above = _Strata(weights, towards[int(beta < 0)], abs(beta)), p_d > value
+        found[poses], errors[poses] = strata.share(above if beta > 0 else ~above)
+    return found, errors
 
 
 def _drawn(
@@ -169,8 +169,8 @@ class _Strata:
     def __init__(self, weights: FloatArray, towards: FloatArray, beta: float) -> None:
         half = max(1, math.ceil(beta / STRATUM))
         width = beta / half if beta > STRATUM else STRATUM
-        limits = width * np.arange(-half, half + 1)
-        probability = np.diff(ndtr([-np.inf, *limits, np.inf]))
+        below = np.diff(ndtr([-np.inf, *(width * np.arange(-half, 1))]))
+        probability = np.concatenate([below, below[::-1]])  # above 0 differences would round to 0
         self._shape = len(weights), len(probability)
         place = np.clip(np.floor(towards / width) + (half + 1), 0, 2 * half + 1)
         place += np.arange(0, math.prod(self._shape), len(probability))[:, np.newaxis]

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from radar_sense.propagation.draws import Estimate, estimate, exceedance
+from radar_sense.propagation.draws import Estimate, estimate, tail_probability
 from radar_sense.propagation.moments import BETA, Distribution
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
@@ -35,7 +35,7 @@ class PlainDraws(Distribution):
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,)."""
-        return exceedance(self.states, self.states.runs, BETA, p_max, plain=True)[0]
+        return tail_probability(self.states, self.states.runs, BETA, p_max, plain=True)[0]
 
     def with_covariances(self, changed: UncertainStates) -> PlainDraws:
         """Return the method for the same states with other covariances."""

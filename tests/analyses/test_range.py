@@ -214,6 +214,21 @@ def test_sigma_has_no_value_where_a_blind_zone_or_limit_is_within_the_band(part)
     assert np.isnan(found.std[0]) == (part > 0.9)
 
 
+@pytest.mark.all_draws
+@pytest.mark.parametrize("k", [0.5, 9.0, 10.0])
+def test_a_band_of_ten_sigma_is_as_right_as_that_of_half_a_sigma(k):
+    """Phi(10) is 1 to rounding. c_r alone counts, and the range grows with its fourth root."""
+    radar = {"medium": {"position_m": 0, "constant": 8}}
+    certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}, "radar": radar}
+    s = scenario(uncertainty=certain, aircraft__rcs=SPHERE)
+    found = on_rays(s, 0, k=k)
+    for end, sign in ((found.lower, -1), (found.upper, 1)):
+        root = (1 + sign * k * 8 / 167) ** 0.25
+        assert end[0] == pytest.approx(found.slant[0] * root, rel=0.01)
+    assert not found.unreliable[0]
+    assert found.std[0] == pytest.approx(on_rays(s, 0).std[0], rel=1e-9)
+
+
 def test_the_remedy_for_an_unreliable_form_band_is_automatic():
     rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 1e-9}
     s = scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[90, 0, 0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import runpy
 
@@ -479,6 +480,27 @@ def test_a_written_table_has_one_value_at_each_pole(here):
         for pole in (-90, 90):
             values = found["rcs_m2"][found["elevation_deg"] == pole]
             assert np.all(values == values[:1])
+
+
+class Flat:
+    """A cross section of one's own, which returns views that cannot be written."""
+
+    isotropic, detail = False, 3.0
+
+    def cross_section(self, v):
+        return np.broadcast_to(0.1, np.shape(v)[:-1])
+
+    def linearize(self, v):
+        return self.cross_section(v), np.zeros(np.shape(v))
+
+
+def test_a_cross_section_of_ones_own_may_be_read_only():
+    s = scenario()
+    (radar,) = s.radars
+    model = dataclasses.replace(radar.model, rcs=Flat())
+    radars = (dataclasses.replace(radar, model=model),)
+    table = analyses.rcs(dataclasses.replace(s, radars=radars)).table
+    assert np.all(table["rcs_m2"] == 0.1)
 
 
 def share_beyond(pose, s, low, high):
