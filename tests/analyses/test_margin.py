@@ -202,17 +202,18 @@ def test_a_band_that_is_off_is_warned_of():
 
 
 @pytest.mark.all_draws
-def test_a_bound_of_a_large_margin_is_right_to_a_quarter_of_a_decibel():
+@pytest.mark.parametrize("km", [30, 1.5])
+def test_a_bound_of_a_large_margin_is_right_to_a_quarter_of_a_decibel(km):
     """A narrow lobe seen from near: the bound by FORM is 1.7 dB too low, 0.00006 of P."""
     rcs = {"model": "ellipsoid", "a_m": 0.15, "b_m": 0.13, "c_m": 2.0}
     s = scenario(
         aircraft__rcs=rcs,
         uncertainty={
-            "aircraft": {"position_m": 100, "attitude_deg": 2},
-            "radar": {"medium": {"position_m": 100, "constant": 5}},
+            "aircraft": {"position_m": 10 * km / 3, "attitude_deg": 2},
+            "radar": {"medium": {"position_m": 10 * km / 3, "constant": 5}},
         },
-        geometry__range_km=30,
-        geometry__down_km=-1,
+        geometry__range_km=km,
+        geometry__down_km=-km / 30,
         geometry__azimuth_deg={"start": 90, "stop": 91, "step": 2},
     )
     table = rs.analyses.detectors(s, p_d=0.5, method="automatic").table
