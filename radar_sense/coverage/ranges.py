@@ -121,8 +121,9 @@ def _band(
     """
     around, betas = seen.all_rays, (-k, k, -NODE, NODE)
     smooth = "form" if method == AUTOMATIC else method
-    ends = [reach_of_quantile(seen, value, smooth, beta) for beta in betas]
-    widest = [reach_of_quantile(seen, value, smooth, beta) for beta in (-WIDEST, WIDEST)]
+    different = {*betas, -WIDEST, WIDEST}
+    by_method = {beta: reach_of_quantile(seen, value, smooth, beta) for beta in different}
+    ends = [by_method[beta].copy() for beta in betas]  # draws change some
     hidden = np.zeros(len(distance))
     nowhere = np.flatnonzero(np.any([end == 0 for end in ends], axis=0))
     if nowhere.size:
@@ -140,7 +141,8 @@ def _band(
     lower, upper, first, last = map(around.slant_range, ends)
     std = _std_of_quantiles(first, around.slant_range(distance), last)
     # three nodes do not follow a limit within the band, or a range that there may not be
-    cut = [(end == 0) | _limit_in_reach(around, end) for end in (*widest, *ends[2:])]
+    within = by_method[-WIDEST], by_method[WIDEST], *ends[2:]
+    cut = [(end == 0) | _limit_in_reach(around, end) for end in within]
     std[np.any(cut, axis=0)] = np.nan
     of_std = np.any(off[2:], axis=0) & np.isfinite(std)
     return lower, upper, std, np.any(off[:2], axis=0) | of_std
