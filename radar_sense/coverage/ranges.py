@@ -102,7 +102,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         confirmed = [_confirmed(around, _along(around, end), value, beta) for end, beta in ends]
         unreliable = exists & ~np.all(confirmed, axis=0)
     else:
-        lower, upper, std, unreliable = _band(seen, value, reach.distance, method, k)
+        lower, upper, std, unreliable = _band(seen, value, slant, method, k)
     defined = exists & ~reach.limited
     by_source = {
         name: np.where(defined, source.std / abs(slope), np.nan)
@@ -113,22 +113,19 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
 
 
 def _band(
-    seen: Survey, value: float, distance: FloatArray, method: str, k: float
+    seen: Survey, value: float, slant: FloatArray, method: str, k: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return bounds and σ (n,) of the slant range, and where they are not reliable.
-
-    The range is that at the distance (n,).
-    """
+    """Return bounds and σ (n,) of the slant range (n,), and where they are not reliable."""
     around, betas = seen.all_rays, (-k, k, -NODE, NODE)
     smooth = "form" if method == AUTOMATIC else method
     different = {*betas, -WIDEST, WIDEST}
     by_method = {beta: reach_of_quantile(seen, value, smooth, beta) for beta in different}
     ends = [by_method[beta].copy() for beta in betas]  # draws change some
-    hidden = np.zeros(len(distance))
+    hidden = np.zeros(len(slant))
     nowhere = np.flatnonzero(np.any([end == 0 for end in ends], axis=0))
     if nowhere.size:
         hidden[nowhere] = _hidden(seen.part(nowhere), value, smooth, k)
-    off = np.zeros((len(betas), len(distance)), dtype=bool)
+    off = np.zeros((len(betas), len(slant)), dtype=bool)
     for end, beta, wrong in zip(ends, betas, off, strict=True):
         wrong[:] = np.where(end == 0, hidden > 0, ~_confirmed(around, end, value, beta))
         if method == AUTOMATIC:  # at a limit the end is not of the method, and errors may cross it
@@ -139,7 +136,7 @@ def _band(
             end[rows], wrong[rows] = _by_draws(seen.part(rows), guess, value, beta)
         wrong &= ~np.isnan(end)  # which is said to have no value
     lower, upper, first, last = map(around.slant_range, ends)
-    std = _std_of_quantiles(first, around.slant_range(distance), last)
+    std = _std_of_quantiles(first, slant, last)
     # three nodes do not follow a limit within the band, or a range that there may not be
     within = by_method[-WIDEST], by_method[WIDEST], *ends[2:]
     cut = [(end == 0) | _limit_in_reach(around, end) for end in within]
@@ -227,8 +224,10 @@ def _by_draws(
         with np.errstate(divide="ignore", invalid="ignore"):
             step = ((near + far) / 2.0 + beta) / np.maximum(near - far, 0.0)
         sure = 2.0 * np.max(errors, axis=0) <= excess[0] - excess[1]
-        settled = _enclosed(excess, errors, at) | (sure & (abs(step) <= 1.0))
-        step = np.clip(np.nan_to_num(step), -1.0, 1.0)  # 0 where P is 0 or 1 at one end
+        enclosed = _enclosed(excess, errors, at)
+        settled = enclosed | (sure & (abs(step) <= 1.0))
+        # beside a limit Φ⁻¹(P) is not linear, and the search has found the end
+        step = np.where(enclosed, 0.0, np.clip(np.nan_to_num(step), -1.0, 1.0))
         reach[rows] = np.minimum(at * np.exp(2.0 * PRECISION * step), FARTHEST)
         rows = rows[~settled]
     return reach, np.isin(np.arange(len(reach)), rows)

@@ -139,9 +139,9 @@ def _indices(
     normals: FloatArray,
     outputs: slice,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return mean and variance (k,) of some outputs, and what groups add to the variance (g, k).
+    """Return mean and variance (k,) of some outputs, and parts of the variance by group (g, k).
 
-    A group adds what its first-order index is a share of, and what its total index is a share of.
+    The parts are the first-order and the total index, each times the variance.
     """
     from scipy.stats import sobol_indices as estimate
 

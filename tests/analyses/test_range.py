@@ -229,6 +229,28 @@ def test_a_band_of_ten_sigma_is_as_right_as_that_of_half_a_sigma(k):
     assert found.std[0] == pytest.approx(on_rays(s, 0).std[0], rel=1e-9)
 
 
+@pytest.mark.all_draws
+def test_the_band_at_a_limit_is_that_of_the_errors_of_position():
+    """The far tail is of another source there, so a straight line of probits leads 0.6 km off."""
+    s = scenario(
+        aircraft__rcs={"model": "constant", "rcs_m2": 2.0},
+        radar__constant=6,
+        radar__p_fa=1e-6,
+        radar__detector="swerling1",
+        radar__max_range_km=120,
+        radar__horizon=True,
+        radar__position_m=[0, 0, -40],
+        geometry__down_km=-2,
+        uncertainty={
+            "aircraft": {"position_m": 300, "attitude_deg": 2, "rcs_db": 1},
+            "radar": {"medium": {"position_m": 50, "constant": 1}},
+        },
+    )
+    found, off = on_rays(s, *range(0, 360, 30)), 3 * np.hypot(300, 50)
+    np.testing.assert_allclose(found.lower, 120e3 - off, atol=150)
+    np.testing.assert_allclose(found.upper, 120e3 + off, atol=150)
+
+
 def test_the_remedy_for_an_unreliable_form_band_is_automatic():
     rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 1e-9}
     s = scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[90, 0, 0])
