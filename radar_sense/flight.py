@@ -239,14 +239,15 @@ class Path(Geometry):
             return super().square_root
         return square_root_in_frame(self.covariance, self.time_s, self.aircraft, self.origin)
 
-    @property
+    @cached_property
     def route(self) -> Route:
-        """The route that `at` interpolates."""
-        if self.flight is not None:
-            return self.flight
-        # the attitude is interpolated, and not derived from the track again
-        each = self.covariance if self.covariance.ndim == 3 else None
-        return Route(self.time_s, self.aircraft, each, True, self.origin)
+        """The route that `at` interpolates, with covariances if each pose has its own."""
+        own = self.covariance.ndim == 3
+        if self.flight is None:
+            # the attitude is interpolated, and not derived from the track again
+            each = self.covariance if own else None
+            return Route(self.time_s, self.aircraft, each, True, self.origin)
+        return self.flight if own else dataclasses.replace(self.flight, covariance=None)
 
     @cached_property
     def whole(self) -> Path:
@@ -262,10 +263,7 @@ class Path(Geometry):
 
     def at(self, coordinate: FloatArray) -> Path:
         """Return the path at other times (k,) [s] within its own."""
-        route = self.route
-        if self.covariance.ndim == 2:
-            route = dataclasses.replace(route, covariance=None)
-        poses = interpolate(route, coordinate, self.method)
+        poses = interpolate(self.route, coordinate, self.method)
         values = np.interp(coordinate, self.time_s, self.axis.values)
         return dataclasses.replace(
             self,

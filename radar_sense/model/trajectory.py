@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,11 @@ from numpy.typing import NDArray
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
 from radar_sense.model.track import attitude_in_frame, attitude_of_motion, covariance_in_frame
-from radar_sense.states import POSITION, FloatArray, ReadOnly, slices
+from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, slices
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+    from scipy.spatial.transform import Slerp
 
 #: Most poses of a route.
 MAX_ROWS = 1_000_000
@@ -66,6 +71,54 @@ class Route(ReadOnly):
         distance.flags.writeable = False
         return distance
 
+    @cached_property
+    def turning(self) -> Slerp:
+        """The attitude as a function of time, for poses whose attitude was given."""
+        from scipy.spatial.transform import Rotation, Slerp  # takes 0.25 s to import
+
+        yaw_pitch_roll = self.aircraft[:, :2:-1]
+        return Slerp(self.time_s, Rotation.from_euler("ZYX", yaw_pitch_roll))
+
+    @cached_property
+    def spline(self) -> CubicSpline:
+        """The position as a smooth function of time."""
+        from scipy.interpolate import CubicSpline  # takes 0.3 s to import
+
+        return CubicSpline(self.time_s, self.aircraft[:, POSITION])
+
+    @cached_property
+    def smooth_height(self) -> CubicHermiteSpline:
+        """The height [m] as a smooth function of time, above the ellipsoid if there is an origin.
+
+        Its slopes at the samples are the slopes of the cubic spline, within limits. The limits make
+        the height monotone between two samples (F. N. Fritsch and R. E. Carlson, "Monotone
+        piecewise cubic interpolation", SIAM J. Numer. Anal. 17(2), 1980). A slope is at most three
+        times the slope to either neighbour, and 0 where the two have different signs.
+
+        A limit of 0 would flatten a top that the samples show. The limits do not apply where five
+        consecutive second differences have one sign and are within a factor of two of each other. A
+        wave needs some 15 samples a period for this.
+        """
+        from scipy.interpolate import CubicHermiteSpline, CubicSpline  # takes 0.3 s to import
+
+        time, height = self.time_s, -self.aircraft[:, DOWN]
+        if self.origin is not None:
+            height = geodesy.geodetic_from_ned(self.aircraft[:, POSITION], self.origin)[:, 2]
+        slope = np.diff(height) / np.diff(time)
+        before, after = np.append(slope[0], slope), np.append(slope, slope[-1])
+        rate = CubicSpline(time, height)(time, 1)
+        limit = 3.0 * np.minimum(abs(before), abs(after))
+        same_sign = (before * after > 0) & (rate * after > 0)
+        limited = np.where(same_sign, np.clip(rate, -limit, limit), 0.0)
+        if len(time) > _TOP_DIFFERENCES + 1:
+            bend = np.diff(slope) / (time[2:] - time[:-2])
+            windows = np.lib.stride_tricks.sliding_window_view(bend, _TOP_DIFFERENCES)
+            low, high = windows.min(axis=-1), windows.max(axis=-1)
+            top = ((low > 0) & (high <= 2.0 * low)) | ((high < 0) & (low >= 2.0 * high))
+            inner = slice(_TOP_DIFFERENCES // 2 + 1, -(_TOP_DIFFERENCES // 2 + 1))
+            limited[inner] = np.where(top, rate[inner], limited[inner])
+        return CubicHermiteSpline(time, height, limited)
+
 
 def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     """Return a route interpolated at equal steps of time.
@@ -79,7 +132,7 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     cubic spline with continuous acceleration through all samples (C. de Boor, *A Practical Guide to
     Splines*, 1978, ch. IV, not-a-knot). Course, climb and bank come from the spline. In latitude
     and longitude the spline is lifted to its altitude, like a leg. Altitude stays between the
-    altitudes of two samples, unless the samples show the top of a curve (`_altitude`).
+    altitudes of two samples, unless the samples show the top of a curve (`Route.smooth_height`).
 
     A given attitude turns from pose to pose about one axis at a constant rate (K. Shoemake,
     "Animating rotation with quaternion curves", SIGGRAPH 1985). Unlike interpolated Euler angles,
@@ -130,10 +183,7 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
     motion = _legs if method == "legs" else _smooth
     position, velocity, acceleration = motion(route, time)
     if route.attitude_given:
-        from scipy.spatial.transform import Rotation, Slerp  # takes 0.25 s to import
-
-        rotations = Rotation.from_euler("ZYX", route.aircraft[:, :2:-1])  # yaw, pitch, roll
-        to_ned = Slerp(route.time_s, rotations)(time).as_matrix()
+        to_ned = route.turning(time).as_matrix()
         attitude = geodesy.euler_angles(np.swapaxes(to_ned, -1, -2))
     else:
         place = position
@@ -197,17 +247,11 @@ def _legs(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
 
 def _smooth(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return position, velocity and horizontal acceleration (n, 3) on the cubic spline."""
-    from scipy.interpolate import CubicSpline  # takes 0.3 s to import
-
-    waypoints = route.aircraft[:, POSITION]
-    spline = CubicSpline(route.time_s, waypoints)
-    position, velocity, acceleration = (spline(at, order) for order in range(3))
+    position, velocity, acceleration = (route.spline(at, order) for order in range(3))
+    height, climb = (route.smooth_height(at, order) for order in range(2))
     if route.origin is None:
-        height, climb = _altitude(route.time_s, -waypoints[:, 2], at)
-        position[:, 2], velocity[:, 2] = -height, -climb
+        position[:, DOWN], velocity[:, DOWN] = -height, -climb
     else:
-        height = geodesy.geodetic_from_ned(waypoints, route.origin)[:, 2]
-        height, climb = _altitude(route.time_s, height, at)
         position = _lifted(position, height, climb, velocity, acceleration, route.origin)
     return position, velocity, acceleration
 
@@ -237,37 +281,3 @@ def _lifted(
         velocity[block] = growth[block, np.newaxis] * level - climb[block, np.newaxis] * down
     acceleration *= growth[:, np.newaxis]
     return geodesy.ned_from_geodetic(place, origin)
-
-
-def _altitude(
-    time: FloatArray, height: FloatArray, at: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return height [m] and rate of climb [m/s] (n,) between samples of the height.
-
-    The result is a cubic Hermite spline. Its slopes at the samples are the slopes of the cubic
-    spline, within limits. The limits make the height monotone between two samples (F. N. Fritsch
-    and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal. 17(2), 1980).
-    A slope is at most three times the slope to either neighbour, and 0 where the two have different
-    signs.
-
-    A limit of 0 would flatten a top that the samples show. The limits do not apply where five
-    consecutive second differences have one sign and are within a factor of two of each other. A
-    wave needs some 15 samples a period for this.
-    """
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline  # takes 0.3 s to import
-
-    slope = np.diff(height) / np.diff(time)
-    before, after = np.append(slope[0], slope), np.append(slope, slope[-1])
-    rate = CubicSpline(time, height)(time, 1)
-    limit = 3.0 * np.minimum(abs(before), abs(after))
-    same_sign = (before * after > 0) & (rate * after > 0)
-    limited = np.where(same_sign, np.clip(rate, -limit, limit), 0.0)
-    if len(time) > _TOP_DIFFERENCES + 1:
-        bend = np.diff(slope) / (time[2:] - time[:-2])
-        windows = np.lib.stride_tricks.sliding_window_view(bend, _TOP_DIFFERENCES)
-        low, high = windows.min(axis=-1), windows.max(axis=-1)
-        top = ((low > 0) & (high <= 2.0 * low)) | ((high < 0) & (low >= 2.0 * high))
-        inner = slice(_TOP_DIFFERENCES // 2 + 1, -(_TOP_DIFFERENCES // 2 + 1))
-        limited[inner] = np.where(top, rate[inner], limited[inner])
-    spline = CubicHermiteSpline(time, height, limited)
-    return spline(at), spline(at, 1)
