@@ -301,7 +301,7 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     if drawn:
         style: dict[str, Any] = {"linestyles": "-", "linewidths": thin}
         lines = axes.contour(east, north, values, [*drawn], colors=[*drawn.values()], **style)
-        if len(scenario.model.names) <= 3:  # labels of more radars would cover the contours
+        if not scenario.model.names:  # the names of radars would cover the labels
             axes.clabel(lines, fmt="%g", fontsize=plotting.points(6.5))
         for v, colour in drawn.items():
             bar.ax.axhline(v, color=colour, lw=thin)
