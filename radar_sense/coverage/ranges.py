@@ -12,13 +12,13 @@ from scipy.special import ndtr, ndtri
 
 from radar_sense.coverage.rays import (
     FARTHEST,
-    HALVINGS,
     INSIDE,
     NEAREST,
     Rays,
     Reach,
     Survey,
     first_guess,
+    halved,
     quantile_above,
     reach_of_bound,
     reach_of_quantile,
@@ -167,11 +167,8 @@ def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) 
 
 def _along(around: Rays, slant: FloatArray) -> FloatArray:
     """Return the distances (n,) at slant ranges (n,); 0 for 0."""
-    near, far = np.full(len(slant), NEAREST), np.full(len(slant), FARTHEST)
-    for _ in range(HALVINGS):
-        middle = np.sqrt(near * far)
-        below = around.slant_range(middle) < slant
-        near, far = np.where(below, middle, near), np.where(below, far, middle)
+    ends = np.full(len(slant), NEAREST), np.full(len(slant), FARTHEST)
+    near, far = halved(*ends, lambda d: (around.slant_range(d[:, 0]) < slant)[:, np.newaxis])
     return np.where(slant > 0, np.sqrt(near * far), 0.0)
 
 

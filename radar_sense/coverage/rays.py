@@ -345,13 +345,18 @@ def _farthest(
     """
     count = inside.shape[1]
     last = count - 1 - np.argmax(inside[:, ::-1], axis=1)
-    near, far = distance[last], distance[np.minimum(last + 1, count - 1)]
+    near, far = halved(distance[last], distance[np.minimum(last + 1, count - 1)], reaches)
+    nowhere = ~inside.any(axis=1)
+    near[nowhere] = far[nowhere] = 0.0
+    return near, far
+
+
+def halved(near: FloatArray, far: FloatArray, reaches: Reaches) -> tuple[FloatArray, FloatArray]:
+    """Return brackets (n,) of the distance, from near (n,) to far (n,), that a ray reaches."""
     for _ in range(HALVINGS):
         middle = np.sqrt(near * far)  # halves the bracket of the logarithm
         still = reaches(middle[:, np.newaxis])[:, 0]
         near, far = np.where(still, middle, near), np.where(still, far, middle)
-    nowhere = ~inside.any(axis=1)
-    near[nowhere] = far[nowhere] = 0.0
     return near, far
 
 
