@@ -41,6 +41,7 @@ from radar_sense.montecarlo.montecarlo import MonteCarlo as MonteCarlo
 from radar_sense.montecarlo.montecarlo import monte_carlo as monte_carlo
 from radar_sense.propagation import Moments as Moments
 from radar_sense.propagation import propagate as propagate
+from radar_sense.propagation import propagate_scenario as propagate_scenario
 from radar_sense.propagation import unreliable as unreliable
 from radar_sense.scenario import Scenario as Scenario
 from radar_sense.scenario_file.load import load_scenario as load_scenario

@@ -96,7 +96,7 @@ def steps(start: float, stop: float, step: float, most: int) -> FloatArray:
 def azimuth(values: FloatArray) -> Axis:
     """Return the axis of azimuth θ_r [deg], for an orbit."""
     meaning = "Azimuth of the pose on an orbit."
-    return Axis("theta_r_deg", "azimuth", "deg", values, "g", 1e-9, meaning=meaning)
+    return Axis("theta_r_deg", "azimuth", "deg", values, ".13g", 1e-9, meaning=meaning)
 
 
 def time(values: FloatArray) -> Axis:
@@ -108,7 +108,7 @@ def time(values: FloatArray) -> Axis:
 def ground_range(values: FloatArray) -> Axis:
     """Return the axis of the ground range from the origin [km], for a radial line."""
     meaning = "Ground range of the pose from the origin, on a radial line."
-    return Axis("range_km", "range", "km", values, "g", 1e-6, meaning=meaning)
+    return Axis("range_km", "range", "km", values, ".13g", 1e-6, meaning=meaning)
 
 
 def distance(values: FloatArray) -> Axis:

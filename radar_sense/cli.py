@@ -135,7 +135,10 @@ class Cli(click.Group):
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """Find the command; an unknown one is an error with a suggestion."""
         if args[0] not in (known := self.list_commands(ctx)):
-            ctx.fail(f"no command {args[0]!r}{did_you_mean(args[0], known)}")
+            hint = did_you_mean(args[0], known)
+            if args[0].endswith((".yaml", ".yml")):
+                hint = f"; the command comes first, such as radar-sense check {args[0]}"
+            ctx.fail(f"no command {args[0]!r}{hint or ', there are ' + ', '.join(known)}")
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

@@ -147,7 +147,8 @@ def write(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
         raise OSError(error.errno, error.strerror, str(at)) from error
     finally:
         for path in temporary.values():
-            path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # as where the folder is a file
+                path.unlink()
         for path in new:
             with contextlib.suppress(OSError):  # a folder with files stays
                 path.rmdir()

@@ -140,11 +140,12 @@ def _ground(scenario: Scenario) -> Iterator[str]:
     }
     below = [name for name, value in height.items() if value < 0]
     if below:
+        are = "is" if len(below) == 1 else "are up to"
         yield warning(
             "below-ground",
-            f"{listed(below)} {'is' if len(below) == 1 else 'are'} up to "
-            f"{-min(height.values()):.4g} m below {_surface(scenario)}, where the horizon has the "
-            "ground and them on it: down is positive downwards, altitude_m is above the ellipsoid",
+            f"{listed(below)} {are} {-min(height.values()):.4g} m below {_surface(scenario)}, "
+            "which is the ground of the horizon: down is positive downwards, altitude_m is above "
+            "the ellipsoid",
         )
 
 
@@ -179,11 +180,16 @@ def _names(scenario: Scenario) -> list[str]:
 
 
 def _range(scenario: Scenario) -> Iterator[str]:
-    """Yield a warning of radars at which no pose is within the horizon of an aircraft so high."""
+    """Yield a warning if no pose is within the horizon of an aircraft so high.
+
+    The horizon is that of the origin of latitude and longitude, or of a radar.
+    """
     highest = np.maximum(-scenario.aircraft[:, DOWN].min(), MAX_HEIGHT)
     beyond = horizon_range(np.zeros(()), highest)
     each = zip(_names(scenario), scenario.radar_states, strict=True)
     nearest = {name: slant_range(scenario.aircraft, radar).min() for name, radar in each}
+    if scenario.origin is not None:
+        nearest["the origin"] = slant_range(scenario.aircraft, np.zeros(len(RADAR))).min()
     far = {name: distance for name, distance in nearest.items() if distance > beyond}
     if far:
         order = "" if scenario.origin is None else ", and latitude and longitude in their order"

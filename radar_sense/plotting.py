@@ -318,6 +318,12 @@ def panels(figure: Figure, count: int) -> list[Axes]:
     return list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
 
 
+def in_lines(name: str, letters: int) -> str:
+    """Return a name in lines of at most so many letters, broken behind "_" and "-"."""
+    lines = textwrap.wrap(name.replace("_", "_ "), letters)
+    return "\n".join(line.replace("_ ", "_") for line in lines)
+
+
 def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
     """Turn polar axes with lines to 0 at the top and clockwise angles.
 
@@ -614,9 +620,12 @@ def note(
 def label_points(axes: Axes, places: FloatArray, names: Sequence[str]) -> None:
     """Write names beside points (n, 2) of a panel with a layout.
 
-    A name is to the right of the point, or on the side with the least overlap of axes and names.
+    A name is to the right of the point, or on the side with the least overlap of axes, points and
+    names.
     """
-    taken: list[Bbox] = []
+    half = points(2.0) * axes.figure.dpi / 72.0  # of a point, in pixels
+    middles = axes.transData.transform(places)
+    taken = [Bbox([middle - half, middle + half]) for middle in middles]
     rim = withStroke(linewidth=points(1.6), foreground="black")
     for name, (x, y) in zip(names, places, strict=True):
         options = []

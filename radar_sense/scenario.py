@@ -249,7 +249,10 @@ class Scenario:
 
     @property
     def cov_radar(self) -> FloatArray:
-        """C_rr (4m, 4m) at the level."""
+        """C_rr (4m, 4m) of positions and c_r at the level, tolerances to first order.
+
+        Errors of RCS, attenuation and tilt are not in it. `propagate_scenario` has all errors.
+        """
         return covariance.block_diagonal([r.levels[self.level].covariance for r in self.radars])
 
     @property

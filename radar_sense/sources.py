@@ -340,15 +340,21 @@ def worth_most(scenario: Scenario, budget: Budget) -> tuple[list[Contribution], 
 
 
 def _measurable(scenario: Scenario, budget: Budget) -> dict[str, Contribution]:
-    """Return the sources by name; a source with parts is replaced by its parts and its rest."""
-    every, whole = sources_of(scenario), {part.part_of for part in budget.parts.values()}
-    rest = {
+    """Return the sources by name, or their pieces if any source has parts.
+
+    A whole radar halved would win against the single parts of another one.
+    """
+    if not budget.parts:
+        return {**budget.sources}
+    every = sources_of(scenario)
+    finer = {
         name: c
         for name, c in budget.finer.items()
-        if c.part_of in whole and not any(every[name].overlaps(every[p]) for p in budget.parts)
+        if c.part_of and not any(every[name].overlaps(every[part]) for part in budget.parts)
     }
-    sources = {name: c for name, c in budget.sources.items() if name not in whole}
-    return {**sources, **rest, **budget.parts}
+    pieces = {**finer, **budget.parts}
+    whole = {c.part_of for c in pieces.values()}
+    return {n: c for n, c in budget.sources.items() if n not in whole} | pieces
 
 
 def scaled(

@@ -95,6 +95,10 @@ WARNINGS: dict[str, str] = {
         "frame of the origin to first order. Where level differs by some degrees and yaw is badly "
         "known, this is too rough: choose an origin near the route."
     ),
+    "rcs-fine": (
+        "The RCS changes more finely than the table that `rcs` writes, which may have a million "
+        "nodes. Such a table may miss a lobe, and with it a detection."
+    ),
     "rows-apart": (
         "Aspect or range change so much between two rows of a path that P_D between them may "
         "differ from both. Let geometry.interpolate add poses."
@@ -134,8 +138,9 @@ WARNINGS: dict[str, str] = {
         "aircraft the RCS is another: measure at elevations."
     ),
     "too-far": (
-        "An aircraft this far from a radar is out of its sight: a unit, or latitude and longitude "
-        "in the wrong order, is a likely reason."
+        "An aircraft this far from a radar is out of its sight, and the origin of latitude and "
+        "longitude should be near both: a unit, or latitude and longitude in the wrong order, is "
+        "a likely reason."
     ),
     "too-fast": (
         "No aircraft is this fast: times in minutes for seconds, or positions in another unit, "
@@ -487,13 +492,12 @@ def clipping_warnings(count: int) -> Iterator[str]:
         yield warning("constant-clipped", text)
 
 
-def table_warnings(scenario: Scenario, runs: int | None = None) -> Iterator[str]:
+def table_warnings(scenario: Scenario) -> Iterator[str]:
     """Yield a warning where states within 3σ are beyond the elevations of an RCS table.
 
-    The standard deviation of the elevation is computed to first order. Of Monte Carlo runs the
-    warning has the number of draws that is expected to be beyond.
+    The standard deviation of the elevation is computed to first order.
     """
-    aircraft, outside, share = scenario.aircraft, np.zeros(len(scenario.aircraft), dtype=bool), 0.0
+    aircraft, outside = scenario.aircraft, np.zeros(len(scenario.aircraft), dtype=bool)
     covered = []
     by_aircraft = np.moveaxis(square_root(scenario.cov_aircraft), -1, 0)
     for one, radar in zip(scenario.radars, scenario.radar_states, strict=True):
@@ -514,14 +518,11 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> Iterator[str]
         outside |= beyond
         if beyond.any():
             covered.append(f"{np.rad2deg(low):g} to {np.rad2deg(high):g}")
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share += np.nansum(ndtr((least - elevation) / std) + ndtr((elevation - most) / std))
     if covered:
-        draws = "" if runs is None else f"about {runs * share:,.0f} draws, "
         yield warning(
             "table-exceeded",
             f"the RCS table covers elevations from {listed(dict.fromkeys(covered))} deg; "
             f"states within 3 sigma are beyond {describe_poses(outside, scenario.axis)} "
-            f"({draws}{np.count_nonzero(outside)} of {len(outside)} poses); the outermost values "
-            "of the table are used there",
+            f"({np.count_nonzero(outside)} of {len(outside)} poses); the outermost values of the "
+            "table are used there",
         )

@@ -206,3 +206,23 @@ def test_a_value_in_a_message_is_whole_up_to_40_letters():
         (np.ones((2, 2)), "array([[1., 1.], [1., 1.]])"),
     ):
         assert describe(value) == text
+
+
+def test_a_scenario_has_more_errors_than_its_covariances():
+    """`propagate_scenario` has those of the RCS and of tolerances, as `variance` has."""
+    s = rs.load_scenario("configs/rainy_day.yaml").at_poses(slice(0, 361, 90))
+    table, moments = rs.analyses.variance(s).table, rs.propagate_scenario(s)
+    np.testing.assert_array_equal(moments.upper, table["upper_3sigma"])
+    np.testing.assert_array_equal(moments.std, table["sigma_pd"])
+    fewer = rs.propagate(s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar)
+    assert np.all(fewer.std < moments.std)
+
+
+@pytest.mark.parametrize("method", ["linear", "probit", "form", "montecarlo", "automatic"])
+def test_nothing_has_a_value_where_aircraft_and_radar_coincide(method):
+    certain = {"cov_aircraft": np.zeros((6, 6)), "cov_radar": np.zeros((4, 4))}
+    at = {"aircraft": np.zeros((1, 6)), "radar": np.array([0.0, 0, 0, 100])}
+    found = propagated(**at, **certain, method=method)
+    assert repr(found).startswith("<Moments of P_D at 1 pose: ")
+    for values in (found.p_d, found.mean, found.std, found.lower, found.upper):
+        assert np.isnan(values).all()

@@ -74,6 +74,20 @@ def test_swapped_latitude_and_longitude(tmp_path):
     assert far.endswith("units, and latitude and longitude in their order? [too-far]")
 
 
+def test_swapped_latitude_and_longitude_of_the_origin(tmp_path):
+    place = {"latitude_deg": 47.3, "longitude_deg": 8.5, "altitude_m": 400}
+    swapped = {**ORIGIN, "latitude_deg": 8.5, "longitude_deg": 47.3}
+    rows = [(20 * i, 46.5, 9 + 0.05 * i, 9000) for i in range(3)]
+    far, *_ = of_route(
+        tmp_path,
+        csv_text(GEO, rows),
+        geometry={"type": "path", "file": "route.csv", "origin": swapped},
+        radar={"position_geodetic": place, "constant": 1e6, "p_fa": 1e-6},
+    )
+    assert far.startswith("the aircraft is at least ")
+    assert "km from the origin: are positions" in far
+
+
 def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
     place = {"latitude_deg": 8.5, "longitude_deg": 47.3, "altitude_m": 400}
     radar = {"position_geodetic": place, "constant": 1e6, "p_fa": 1e-6}
@@ -152,7 +166,7 @@ IMPLAUSIBLE = [
     ),
     (
         {"radar__position_m": [0, 0, 30], "radar__horizon": True, "geometry__range_km": 200},
-        "the radar is up to 30 m below the origin, where the horizon has the ground and them on",
+        "the radar is 30 m below the origin, which is the ground of the horizon",
         {"radar__position_m": [0, 0, 0], "radar__horizon": True, "geometry__range_km": 200},
     ),
 ]

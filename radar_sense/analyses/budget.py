@@ -91,8 +91,9 @@ def budget(
     add("three_sigma_error", (total,), "Standard error of three_sigma_total.")
 
     off = std_off_in_scenario(scenario, found.mean, total.std, method=method)
-    if at_pose == 0 and not off.any():
-        result.report += ["nothing to measure: P_D is certain"]
+    if words.probability(at_pose) == "0" and not off.any():
+        known = "P_D is certain" if at_pose == 0 else "3 sigma of P_D is below 1e-6"
+        result.report += [f"nothing to measure: {known}"]
     elif at_pose > 0:
         result.report += _know_first(scenario, found)
     chosen = words.level_and_method(scenario.level, method)
@@ -206,8 +207,8 @@ def _draw(figure: Figure, result: Result, found: Budget) -> None:
     for i, c in enumerate(c for c in parts if c.name in seen):
         style = style_of[c.part_of][0], plotting.LINES[i % len(plotting.LINES)][1]
         lines.append(PoseLine(_in_words(c, radars), c.three_sigma, style, width=0.6))
-    # the total is under the line of the only radar that sees the aircraft
-    under = {"width": 2.2, "zorder": 1.8} if radars else {}
+    # the total is under the line of a source that may be all of it
+    under = {"width": 2.2, "zorder": 1.8} if radars or parts else {}
     lines.append(PoseLine("total", total.three_sigma, ("black", "-"), **under))
     plotting.pose_lines(figure, result.scenario.axis, lines, r"$3\,\sigma$ of $P_D$")
 

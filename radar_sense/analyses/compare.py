@@ -130,6 +130,8 @@ def compare(
             f"the noise of the {kind} is in these differences; without --runs, --sampler and "
             "--dask the draws know their own"
         )
+    elif not drawn.std.any():
+        result.report.insert(0, "P_D is certain: every method has the same value")
     elif unknown:
         better = [method for method in unknown if method != MONTE_CARLO][:1]
         more = "".join(f"; the command validate with --method {m} makes more" for m in better)
@@ -156,7 +158,7 @@ def compare(
         words.warning("no-value", f"{method} has no value {place}")
         for method, place in words.places(missing, axis).items()
     ]
-    result.warnings += words.table_warnings(scenario, runs=draws)
+    result.warnings += words.table_warnings(scenario)
     result.draw = partial(_draw, axis=axis, k=k, drawn=drawn, error=error, moments=moments)
     return result
 

@@ -108,8 +108,9 @@ def convergence(scenario: Scenario, *, runs: int = 2**14, workers: int = 1) -> R
 def _cell(error: float, rate: float, random_runs_for_the_same: float) -> str:
     if not error > 0:
         return "none" if error == 0 else "undefined"
-    slope = f"n^{rate:<+7.2f}" if np.isfinite(rate) else f"{'no rate':9}"
-    return f"{error:<9.2g}{slope}" + f"{random_runs_for_the_same:.1e}".replace("e+0", "e")
+    # from one seed to another rates differ by some 0.1, and the runs by a factor of 2
+    slope = f"n^{rate:<+7.1f}" if np.isfinite(rate) else f"{'no rate':9}"
+    return f"{error:<9.2g}{slope}" + f"{random_runs_for_the_same:.0e}".replace("e+0", "e")
 
 
 def _warnings(measured: Convergence) -> Iterator[str]:

@@ -151,14 +151,16 @@ def coverage_map(
         add("worst_heading_deg", found["worst_heading_deg"], meaning, "°")
     if upper:
         add(column, shown, f"With --upper: upper {k:g}-sigma bound of P_D in each cell.")
+    cell_km2 = np.diff(cells.north)[0] * np.diff(cells.east)[0] / 1e6 * np.ones(cells.shape)
     if scenario.origin is not None:
-        for name, degrees in _places(cells, scenario.origin).items():
+        places = _places(cells, scenario.origin)
+        for name, degrees in places.items():
             meaning = f"With an origin: WGS-84 {name} of each cell (rows, columns)."
             add(f"{name}_deg", degrees, meaning, "°")
+        cell_km2 /= _cos_tilt(places, scenario.origin)
 
-    cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
-    area_km2 = cell_km2 * shown.size
-    areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(~(shown < level))) for level in contours}
+    area_km2 = float(np.sum(cell_km2))
+    areas = {f"{level:g}": float(np.sum(cell_km2[~(shown < level)])) for level in contours}
     route = upper_bound(scenario, method, k) if upper else scenario.p_d()
     result.summary |= {
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
@@ -202,6 +204,13 @@ def _places(cells: Grid, origin: tuple[float, float, float]) -> dict[str, FloatA
         positions = cells.states(*block)[..., POSITION]
         places[block] = np.rad2deg(geodetic_from_ned(positions, origin)[..., :2])
     return {"latitude": places[..., 0], "longitude": places[..., 1]}
+
+
+def _cos_tilt(places: Mapping[str, FloatArray], origin: tuple[float, float, float]) -> FloatArray:
+    """Return the cosine of the angle between level at places and level at the origin."""
+    latitude, longitude = map(np.deg2rad, places.values())
+    along = np.cos(latitude) * np.cos(origin[0]) * np.cos(longitude - origin[1])
+    return np.asarray(np.sin(latitude) * np.sin(origin[0]) + along)
 
 
 def _warnings(cells: Grid, shown: Plane, method: str) -> Iterator[str]:
@@ -327,6 +336,6 @@ def _pose_in_words(summary: Mapping[str, Any]) -> str:
     # on the earth the level plane of the cell has another roll, pitch and yaw, with rounding
     digits = zip(summary["attitude_deg"], (1, 1, 9), strict=True)
     roll, pitch, yaw = (round(angle, decimals) + 0.0 for angle, decimals in digits)
-    heading = "worst heading" if summary["worst_heading"] else f"heading {yaw:.4g} deg"
+    heading = "worst heading" if summary["worst_heading"] else f"heading {yaw % 360:.4g} deg"
     tilt = f", roll {roll:.1f} deg, pitch {pitch:.1f} deg" if roll or pitch else ""
     return f"{0.0 - summary['down_km']:.4g} km above the origin, {heading}{tilt}"

@@ -335,7 +335,8 @@ def _draw(
     bars = [*(supply if losses else ()), ("SNR", 0.0, snr), *chain(changes)]
     bars += [("SNR needed", 0.0, needed), ("margin", needed, snr)]
     blue, red, green = (colour for colour, _ in plotting.LINES[:3])
-    colours = dict.fromkeys(losses, red) | dict.fromkeys(changes, blue) | {"margin": green}
+    colours = dict.fromkeys(losses, red) | dict.fromkeys(changes, blue)
+    colours["margin"] = green if snr >= needed else red
     (axes,) = plotting.panels(figure, 1)
     plotting.set_height(figure, 0.75 + 0.19 * len(bars))
     for row, (name, start, end) in enumerate(bars):

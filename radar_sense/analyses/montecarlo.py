@@ -80,7 +80,7 @@ def montecarlo(
         "radar_constants_set_to_zero": mc.clipped,
     }
     result.warnings += words.clipping_warnings(mc.clipped)
-    result.warnings += words.table_warnings(scenario, runs=mc.runs)
+    result.warnings += words.table_warnings(scenario)
     by = "" if method == "linear" else f" by {method}"
     label = rf"band of ${k:g}\,\sigma${by} ({scenario.level})"
     draw = _draw_histogram if len(axis) == 1 else _draw
@@ -125,11 +125,12 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
     points = "" if mc.sampler == "random" else ", Sobol' points"
     drawn = f"{mc.runs} runs ({result.scenario.level}, seed {mc.seed}{points})"
     if banded.any():
+        least_at = words.describe_poses(banded & (mc.coverage == mc.coverage[pose]), axis)
         of_poses = f" at the {len(axis) - without} poses with a band" if without else ""
         result.report += [
             f"{drawn}: {overall:.2%} of the draws lie in the {method} {mc.k:g}-sigma band"
             f"{of_poses}, {mc.expected:.2%} expected",
-            f"lowest coverage {mc.coverage[pose]:.2%} at {axis.at(pose)}{confidence}",
+            f"lowest coverage {mc.coverage[pose]:.2%} {least_at}{confidence}",
         ]
     else:
         result.report.append(f"{drawn}: no coverage")

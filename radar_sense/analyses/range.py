@@ -24,7 +24,7 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.cost import foresee
-from radar_sense.coverage.ranges import PRECISION, RangeAt, limit_of_radar, range_at
+from radar_sense.coverage.ranges import END, PRECISION, RangeAt, limit_of_radar, range_at
 from radar_sense.coverage.rays import EVALUATIONS, FARTHEST, rays, survey
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
@@ -179,8 +179,9 @@ def detection_range(
 def _add_bands(table: Table, at: RangeAt, label: str, of: str, k: float) -> None:
     """Add the range and its band."""
     first = f"{of}Farthest slant range with P_D {at.p_d:g}; 0 where there is none."
+    of_std = "Standard deviation of this range; NaN where a limit, or no range, is within 3 sigma."
     table.add(f"range_m_{label}", at.slant, first, "m")
-    table.add(f"sigma_range_m_{label}", at.std, f"{of}Standard deviation of this range.", "m")
+    table.add(f"sigma_range_m_{label}", at.std, f"{of}{of_std}", "m")
     for end, bound in (("lower", at.lower), ("upper", at.upper)):
         meaning = f"{of}{end.capitalize()} {k:g}-sigma bound of this range."
         table.add(f"{end}_{k:.12g}sigma_m_{label}", bound, meaning, "m")
@@ -191,7 +192,7 @@ def _add_sources(table: Table, at: RangeAt, label: str, of: str) -> None:
     for source, std in at.by_source.items():
         meaning = f"{of}Standard deviation from {source} alone, to first order."
         table.add(f"sigma_range_m_{label}_from_{source}", std, meaning, "m")
-    limited, edges = at.reach.limited.astype(float), at.reach.edges.astype(float)
+    limited, edges = at.limited.astype(float), at.reach.edges.astype(float)
     meaning = f"{of}1 where a limit of the radar comes first, else 0."
     table.add(f"limited_{label}", limited, meaning)
     meaning = f"{of}Number of times that P_D passes the value along the ray."
@@ -218,7 +219,7 @@ def _summary(at: RangeAt) -> dict[str, Any]:
         "least_m": float(at.slant.min()),
         "greatest_m": float(at.slant.max()),
         "largest_sigma_m": float(np.nanmax(at.std, initial=0.0)),
-        "limited": int(np.count_nonzero(at.reach.limited)),
+        "limited": int(np.count_nonzero(at.limited)),
         "none": int(np.count_nonzero(at.slant == 0)),
         "no_value": int(np.count_nonzero(np.isnan([at.std, at.lower, at.upper]).any(axis=0))),
         "share": at.shares,
@@ -234,42 +235,45 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
         place = axis.at(highest)
         if np.ptp(at.upper) <= PRECISION * at.upper[highest]:
             place = f"every {axis.name}"
-        upper = f"up to {at.upper[highest] / 1e3:.4g} km at {place}"
+        upper = f"up to {_km(at.upper[highest])} at {place}"
         return [f"at no range of the nominal states; the upper bound ({k:g} sigma) is {upper}"]
     least, greatest = (int(f(at.slant)) for f in (np.argmin, np.argmax))
-    first = f"{at.slant[least] / 1e3:.4g} km at "
+    first = f"{_km(at.slant[least])} at "
     alike = np.ptp(at.slant) <= ALIKE * at.slant[greatest]
     if alike:
         first += f"every {axis.name}"
     else:
-        first += f"{axis.at(least)} to {at.slant[greatest] / 1e3:.4g} km at {axis.at(greatest)}"
-    width = at.upper - at.lower
+        first += f"{axis.at(least)} to {_km(at.slant[greatest])} at {axis.at(greatest)}"
+    width = np.where(at.endless, np.nan, at.upper - at.lower)
     if not np.isfinite(width).any():
         return [first]
     widest = int(np.argmax(reached(width)))
     if width[widest] <= ROUNDING * at.slant[widest]:
         return [first, "the band has no width"]
-    middle, lower, upper = (x[widest] / 1e3 for x in (at.slant, at.lower, at.upper))
-    band = f"between {lower:.4g} and {upper:.4g} km ({k:g} sigma)"
+    middle, lower, upper = (_km(x[widest]) for x in (at.slant, at.lower, at.upper))
+    band = f"between {lower.removesuffix(' km')} and {upper} ({k:g} sigma)"
     shares = sorted(at.shares.items(), key=lambda item: -item[1])
     sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
     end = f"; from {listed(sources)}" if sources else ""
     if alike and np.ptp(width) <= ALIKE * at.slant[greatest]:
         return [f"{first}, {band}{end}"]
-    return [first, f"{middle:.4g} km, {band}, where the band is widest, at {axis.at(widest)}{end}"]
+    return [first, f"{middle}, {band}, where the band is widest, at {axis.at(widest)}{end}"]
+
+
+def _km(distance: float) -> str:
+    """Return a distance [m] in km; at the end of the search it is a lower bound."""
+    return f"{'over ' if distance >= END else ''}{distance / 1e3:.4g} km"
 
 
 def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     """Describe where there is no range, where a limit comes first, and where P_D rises again."""
-    none, far = at.slant == 0, at.slant >= 0.999 * FARTHEST
-    limited, edges = at.reach.limited & ~far, at.reach.edges
-    lower, upper = (np.where(far, 0.0, bound) for bound in (at.lower, at.upper))  # said below
-    values = {"sigma": at.std, "the lower bound": lower, "the upper bound": upper}
+    none, limited, edges = at.slant == 0, at.limited, at.reach.edges
+    values = {"sigma": at.std, "the lower bound": at.lower, "the upper bound": at.upper}
     masks = {
         "at no range {}; sigma has no value": none & ~none.all(),
         "the limit of the radar comes first {}; sigma has no value": limited,
         **{
-            f"{name} has no value {{}}": np.isnan(value) & ~limited & ~none
+            f"{name} has no value {{}}": np.isnan(value) & ~limited & ~none & ~at.endless
             for name, value in values.items()
         },
         f"passed several times, at up to {edges.max()} ranges, {{}}; the farthest is given": (
@@ -277,8 +281,9 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
         ),
     }
     said = [text.format(place) for text, place in places(masks, axis).items()]
-    if far.any():
-        said.append(f"still higher at {FARTHEST / 1e3:g} km, the end of the search")
+    if at.endless.any():
+        end = f"still higher at {FARTHEST / 1e3:g} km, the end of the search"
+        said.append(f"{end}; sigma has no value")
     return [f"P_D {at.p_d:g}: {text}" for text in said]
 
 
@@ -304,8 +309,9 @@ def _draw(
         # of a network the colour is the radar, and the dashes are the P_D in every panel
         own = [(styles[name][0] if name else colour, dashes) for colour, dashes in plotting.LINES]
         for at, (colour, dashes) in zip(of_radar, own, strict=False):
+            known = np.where(at.endless, np.nan, at.slant)
             lower, reach, upper = (
-                _closed(angle, values / 1e3) for values in (at.lower, at.slant, at.upper)
+                _closed(angle, values / 1e3) for values in (at.lower, known, at.upper)
             )
             band = label if at is of_radar[0] else None
             panel.fill_between(
@@ -328,7 +334,8 @@ def _draw(
         panel.set_rlim(0, farthest or 1.0)
         plotting.set_compass(panel, () if count > 1 else names, radius)
         if count > 1:
-            panel.set_title(name, fontsize=plotting.points(8))
+            letters = int(16 * width / columns)  # of the size below in the width of a panel
+            panel.set_title(plotting.in_lines(name, letters), fontsize=plotting.points(8))
     for panel in panels.flat[count:]:
         panel.remove()
     unit = "slant range in km, " if count > 1 else ""

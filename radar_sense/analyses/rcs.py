@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from radar_sense.axis import Axis
 from radar_sense.command import ONE_RADAR, Figure, Result, command
 from radar_sense.errors import InputError
 from radar_sense.model.geometry import body_vector, elevation_of
 from radar_sense.model.rcs import RCS
-from radar_sense.model.rcs_table import TableRCS
+from radar_sense.model.rcs_table import MAX_NODES, TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
-from radar_sense.words import decibels, table_warnings
+from radar_sense.words import decibels, describe_poses, table_warnings, warning
 
-#: Steps of the table [deg].
+#: Largest steps of the table [deg].
 AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
+#: Least number of azimuths in the finest detail of the RCS: of the table, and of extremes and mean.
+#: Between 16 of them the top of a lobe |sin| is missed by 0.02 dB at most.
+OF_TABLE, OF_EXTREMES = 4, 16
 #: Values that differ by a smaller part are equal.
 ROUNDING = 1e-9
 
@@ -52,8 +58,10 @@ def rcs(scenario: Scenario) -> Result:
         )
     result, model = Result(scenario), scenario.radars[0].model.rcs
     spread = getattr(model, "spread", None)
-    azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
-    elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
+    table = model.elevation if isinstance(model, TableRCS) else None
+    finest = ELEVATION_STEP if table is None else np.rad2deg(np.min(np.diff(table)))
+    elevation = np.linspace(-90.0, 90.0, 36 * math.ceil(ELEVATION_STEP / finest - 1e-9) + 1)
+    azimuth, fine = (_azimuths(model, least, len(elevation)) for least in (OF_TABLE, OF_EXTREMES))
     maps = [
         np.array(pattern(of, azimuth, elevation[:, np.newaxis]))
         for of in (model, spread)
@@ -82,40 +90,73 @@ def rcs(scenario: Scenario) -> Result:
         meaning = "Standard deviation of the cross section, if the RCS table has std_db."
         add("std_db", std_db, meaning, "dB")
 
-    table = model.elevation if isinstance(model, TableRCS) else None
-    flat = isinstance(model, TableRCS) and table is None
     low, high = (-90.0, 90.0) if table is None else np.rad2deg(table[[0, -1]])
-    beyond = abs(elevations - np.clip(elevations, low, high))  # the outermost values again
-    within = np.flatnonzero(beyond <= 0.5 * ELEVATION_STEP)
-    for name, extreme in (("largest", np.argmax), ("smallest", np.argmin)):
-        index = int(within[extreme(sigma[within])])
-        place = f"azimuth {azimuths[index]:g} deg, "
-        # a flat table is the same at all elevations
-        place += "any elevation" if flat else f"elevation {elevations[index]:g} deg"
-        result.report.append(f"{name} RCS {decibels(sigma[index]):.1f} dBsm at {place}")
+    beyond = abs(elevation - np.clip(elevation, low, high))  # the outermost values again
+    within = elevation[kept & (beyond <= 0.5 * ELEVATION_STEP)]
+    everywhere = np.array(pattern(model, fine, within[:, np.newaxis]))
+    poles = abs(within) == 90.0
+    everywhere[poles, 1:] = np.nan  # straight above and below there is no azimuth
+    for name, extreme in (("largest", np.nanmax), ("smallest", np.nanmin)):
+        value = float(extreme(everywhere))
+        at = np.isclose(everywhere, value, rtol=ROUNDING, atol=0.0)
+        whole = "any elevation" if table is None else "any elevation of the table"
+        columns, rows = np.any(at, axis=0), np.any(at, axis=1)
+        rows |= poles & np.all(rows[~poles])
+        place = _in_words("azimuth", fine, columns, "any azimuth")
+        place += f", {_in_words('elevation', within, rows, whole)}"
+        shown = decibels(np.array(value)).round(1) + 0.0  # + 0.0 makes -0 a 0
+        result.report.append(f"{name} RCS {shown} dBsm at {place}")
+        row, column = np.argwhere(at)[0]
         result.summary[name] = {
-            "rcs_m2": float(sigma[index]),
-            "azimuth_deg": float(azimuths[index]),
-            "elevation_deg": float(elevations[index]),
+            "rcs_m2": value,
+            "azimuth_deg": float(fine[column]),
+            "elevation_deg": float(within[row]),
         }
-    low, high = decibels(np.array([seen.min(), seen.max()]))
+    low, high = decibels(np.array([seen.min(), seen.max()])).round(1) + 0.0
     extremes = seen_elevation.min(), seen_elevation.max()
-    at_elevation = " to ".join(dict.fromkeys(f"{end:.1f}" for end in extremes))
+    at_elevation = " to ".join(dict.fromkeys(f"{end.round(1) + 0.0}" for end in extremes))
     result.report.append(
         f"RCS in the geometry {low:.1f} to {high:.1f} dBsm, at elevation {at_elevation} deg"
     )
     result.summary |= {
-        "horizon_mean_m2": float(pattern(model, azimuth, np.zeros(1)).mean()),
+        "horizon_mean_m2": float(pattern(model, fine, np.zeros(1)).mean()),
         "geometry": {
             "elevation_deg": [float(seen_elevation.min()), float(seen_elevation.max())],
             "rcs_m2": [float(seen.min()), float(seen.max())],
         },
     }
+    step = 360.0 / len(azimuth)
+    if math.radians(step) > model.detail / 2.0:
+        result.warnings.append(
+            warning(
+                "rcs-fine",
+                f"the RCS has lobes of {math.degrees(model.detail):.2g} deg, and the table has "
+                f"steps of {step:.2g} deg: it misses lobes, and so do the extremes",
+            )
+        )
     result.warnings += table_warnings(scenario)
     result.draw = partial(
         _draw, model=model, seen_azimuth=seen_azimuth, seen_elevation=seen_elevation
     )
     return result
+
+
+def _azimuths(model: RCS, least: int, elevations: int) -> FloatArray:
+    """Return azimuths (n,) [deg] with at least this number of them in a detail of the RCS.
+
+    With the elevations they make no more nodes than a table may have.
+    """
+    count = 360 * math.ceil(max(1.0 / AZIMUTH_STEP, least / math.degrees(model.detail)) - 1e-9)
+    return np.linspace(-180.0, 180.0, min(count, MAX_NODES // elevations), endpoint=False)
+
+
+def _in_words(name: str, values: FloatArray, mask: NDArray[np.bool_], whole: str) -> str:
+    """Return the angles [deg] of a mask in words, or what stands for the whole mask."""
+    if mask.all():
+        return whole
+    axis = Axis(name, name, "deg", values, "g", 1e-3, f"{name}s")
+    words = describe_poses(mask, axis).removeprefix("at ")
+    return words if axis.places in words else f"{name} {words}"
 
 
 def _draw(figure: Figure, model: RCS, seen_azimuth: FloatArray, seen_elevation: FloatArray) -> None:

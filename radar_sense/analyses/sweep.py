@@ -15,7 +15,7 @@ from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, s
 from radar_sense.axis import Axis, steps
 from radar_sense.command import LEVEL, METHOD, Figure, Option, Result, command
 from radar_sense.cost import RATE, foresee
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, counted
 from radar_sense.limits import ANY
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
@@ -68,7 +68,7 @@ def sweep(
         raise InputError(f"step {error}") from error
     k, method = sigmas(threshold, k, probability) or 3.0, scenario.method
     column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
-    axis = Axis(column, key, ascii_unit(key), values, "g", 0.0, "values", f"Value of {key}.")
+    axis = Axis(column, key, ascii_unit(key), values, ".12g", 0.0, "values", f"Value of {key}.")
     # all values are read before any is computed
     scenarios = [scenario.with_keys({key: f"{value:.12g}"}) for value in values]
 
@@ -87,7 +87,8 @@ def sweep(
         if len(highest) == 1:
             # The first value tells: how many poses and draws a test takes is not known before.
             rest = (len(values) - 1) * (time.process_time() - started)
-            foresee(f"the {len(values) - 1} further values", rest * RATE, less="fewer values")
+            further = counted(len(values) - 1, "further value")
+            foresee(f"the {further}", rest * RATE, less="fewer values")
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
 
     # the column of an entry of a list ends with the number of the entry, and not with the unit

@@ -217,7 +217,8 @@ def _why(tested: PathTest, goal: str) -> str:
     if not tested.path.resolved:
         return f"P_D itself stays below {test.p_max:g} at the poses tested"
     return (
-        f"P_D itself stays below: {np.nanmax(p_d):.4f} at most. What to know better, to hold: the "
+        f"P_D itself stays below: {words.probability(np.nanmax(p_d))} at most. What to know "
+        "better, to hold: the "
         f"command budget with --threshold {test.p_max:g} {goal}"
     )
 
@@ -230,13 +231,11 @@ def _probability_lines(tested: PathTest) -> list[str]:
     if not count and not runs.anywhere:
         where = "" if tested.path.resolved else ", at the poses tested"
         return [f"{limit}: in none of {runs.runs:,} runs{where}"]
-    line = (
-        f"{limit}: {words.probability(count / runs.runs)} +/- {runs.error(count):.1g} at "
-        f"{axis.at(highest)}"
-    )
+    places = words.describe_poses(runs.counts == count, axis)
+    line = f"{limit}: {words.probability(count / runs.runs)} +/- {runs.error(count):.1g} {places}"
     if len(axis) == 1 or not tested.path.resolved:
         return [line]
-    line += ", where it is highest"
+    line += ", where it is highest" if np.any(runs.counts < count) else ""
     if runs.anywhere is None:
         return [
             line,

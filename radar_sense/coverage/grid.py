@@ -110,9 +110,9 @@ def grid(
         scenario: The scenario.
         down: Down of the aircraft [m], see `pose_in_cells`.
         course: Yaw of the aircraft [rad], likewise.
-        north_km: South and north end [km]. None takes the centre of the radars plus and minus 1.2
-            times the largest distance of radars and path from the centre, and more until no contour
-            leaves the map, up to nine times that.
+        north_km: South and north end [km], which the cells reach. None takes the centre of the
+            radars plus and minus 1.2 times the largest distance of radars and path from the centre,
+            and more until no contour leaves the map, up to nine times that.
         east_km: West and east end [km]. None is as for `north_km`.
         step_km: Distance of the cells [km]. None takes a 500th of the longer side.
         leaves: Whether a contour goes through some cells, which are two sides of the map.
@@ -139,16 +139,18 @@ def grid(
     step = longest / CELLS if step_km is None else step_km * 1e3
     if not MAP_STEP_KM.allows(step / 1e3):
         raise InputError(f"the step must be {MAP_STEP_KM} of km, got {step / 1e3:g}")
-    counts = [math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1 for start, stop in ends]
+    steps = [(stop - start) / step for start, stop in ends]
+    if min(steps) < 1.0 - 1e-9:
+        raise InputError(
+            f"a step of {step / 1e3:g} km is longer than a side of the map; each side needs at "
+            "least two cells"
+        )
+    # the last cells are at the ends or beyond, where the step does not lead to the ends
+    counts = [math.ceil(number * (1.0 - 1e-12) - 1e-9) + 1 for number in steps]
     if math.prod(counts) > MAX_CELLS:
         raise InputError(
             f"a step of {step / 1e3:g} km makes {math.prod(counts):,} cells, "
             f"allowed are {MAX_CELLS:,}"
-        )
-    if min(counts) < 2:
-        raise InputError(
-            f"a step of {step / 1e3:g} km is longer than a side of the map; each side needs at "
-            "least two cells"
         )
     north, east = (
         np.asarray(start + step * np.arange(count), dtype=float)

@@ -31,6 +31,8 @@ from radar_sense.propagation.staged import FIRST, FURTHER, MANY, PRECISE
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 
+#: Slant range [m] of the end of the search, but for the height.
+END = 0.999 * FARTHEST
 #: Nodes ±√3 and 0 of the Gauss-Hermite rule of three points, exact for polynomials up to degree 5
 #: (M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions, 1964, 25.4.46).
 NODE = math.sqrt(3.0)
@@ -70,6 +72,16 @@ class RangeAt:
     upper: FloatArray
     by_source: Mapping[str, FloatArray]
     unreliable: NDArray[np.bool_]
+
+    @property
+    def endless(self) -> NDArray[np.bool_]:
+        """Where (n,) P_D is still as high at the end of the search."""
+        return np.asarray(self.slant >= END)
+
+    @property
+    def limited(self) -> NDArray[np.bool_]:
+        """Where (n,) a limit of the radar comes first."""
+        return self.reach.limited & ~self.endless
 
     @property
     def shares(self) -> dict[str, float]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar_sense.covariance import checked, variance_along
+from radar_sense.errors import counted
 from radar_sense.limits import NOT_NEGATIVE, Limit, check_number, check_parameters, declared
 from radar_sense.model.antenna import ElevationGain
 from radar_sense.model.detectors import Detector, North, check_detector, linearize
@@ -63,7 +64,8 @@ class Linearization:
     jac_radar: FloatArray
 
     def __repr__(self) -> str:
-        return f"<Linearization of P_D at {self.p_d.size} poses: p_d, jac_aircraft, jac_radar>"
+        poses = counted(self.p_d.size, "pose")
+        return f"<Linearization of P_D at {poses}: p_d, jac_aircraft, jac_radar>"
 
     def std(self, cov_aircraft: ArrayLike, cov_radar: ArrayLike) -> FloatArray:
         """Return the standard deviation σ_pd (...) of P_D to first order, eq. (35) of the paper.

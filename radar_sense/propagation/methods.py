@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.cost import foresee
-from radar_sense.errors import InputError, check_choice
+from radar_sense.errors import InputError, check_choice, counted
 from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
@@ -95,7 +95,7 @@ class Band:
 
     def __repr__(self) -> str:
         names = ", ".join(self.arrays)
-        return f"<{type(self).__name__} of P_D at {np.size(self.p_d)} poses: {names}>"
+        return f"<{type(self).__name__} of P_D at {counted(np.size(self.p_d), 'pose')}: {names}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -137,7 +137,8 @@ def propagate(
 ) -> Moments:
     """Return mean, standard deviation and bounds of P_D by a method named in `METHODS`.
 
-    `unreliable` returns where the moments are off.
+    `unreliable` returns where the moments are off. For a scenario use `propagate_scenario`: it
+    has tolerances of c_r and errors of the RCS, which no covariance of states has.
 
     Args:
         model: The detection model, of a radar or of a network.
@@ -181,9 +182,15 @@ def unreliable(
 def propagate_scenario(
     scenario: Scenario, *, method: str = AUTOMATIC, beta: float = BETA, p_max: float | None = None
 ) -> Moments:
-    """Return the moments of P_D (n,) at every pose of a scenario, at its level, as `propagate`.
+    """Return the moments of P_D (n,) at every pose of a scenario, at its level.
 
-    The draws of `automatic` count how often P_D exceeds p_max.
+    They are those of the command `variance`, with all errors that the scenario has.
+
+    Args:
+        scenario: The scenario.
+        method: Name of the method.
+        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
+        p_max: Limit of P_D whose exceedance the draws of `automatic` count; None for none.
     """
     return _moments(scenario.states(), method, beta, p_max)
 
@@ -212,7 +219,8 @@ def distribution(scenario: Scenario, method: str) -> Distribution:
 def mean_and_std(found: Distribution) -> tuple[FloatArray, FloatArray]:
     """Return mean and σ (k,). Where nothing is uncertain, the mean is P_D without rounding."""
     std = found.std
-    return np.where(std == 0, found.p_d, found.mean), std
+    mean = np.where(std == 0, found.p_d, found.mean)
+    return mean, np.where(np.isnan(mean), np.nan, std)
 
 
 def std_off_in_scenario(

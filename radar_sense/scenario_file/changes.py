@@ -11,7 +11,7 @@ import re
 
 import yaml
 
-from radar_sense.errors import InputError, describe
+from radar_sense.errors import InputError, describe, did_you_mean
 from radar_sense.scenario_file.place import NO_TAG, compose
 
 _PART = re.compile(r"[^.\[\]]+|\[[0-9]{1,4}\]")
@@ -79,5 +79,6 @@ def _entry(node: yaml.SequenceNode, part: str, option: str) -> int:
     number = int(part[1:-1]) - 1 if part.startswith("[") else -1
     if not 0 <= number < len(names):
         known = ", ".join(name or f"[{i}]" for i, name in enumerate(names, start=1))
-        raise InputError(f"{option}: the list has no entry {part}, it has {known}")
+        hint = did_you_mean(part, filter(None, names))
+        raise InputError(f"{option}: the list has no entry {part}, it has {known}{hint}")
     return number

@@ -204,6 +204,8 @@ class UnknownKeyError(InputError):
         at = place.of_key(name)
         meant = allowed if at.is_set else [k for k in allowed if k not in place.items()]
         hint = f"; it is a key of {', '.join(owners)}" if owners else did_you_mean(name, meant)
+        if name == "<<":
+            hint = "; merges are not read: write the keys out, or let an alias stand for a section"
         text = f"unknown key {describe(name)}, allowed: {', '.join(allowed)}{hint}"
         super().__init__(str(at.error(text)))
 

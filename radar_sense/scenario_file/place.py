@@ -135,6 +135,8 @@ def compose(text: str, file: str) -> yaml.Node:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         problem = f"is not valid YAML: {error.problem}"
+        if error.problem == "but found another document":
+            problem = "must be one YAML document; another one begins here"
         if "'\\t'" in f"{error.problem}":
             problem = "has a tab where YAML allows spaces only"
         raise InputError(f"{file}:{mark.line + 1 if mark else 1}: {problem}") from error

@@ -379,7 +379,7 @@ class Sweep(Section):
     """Azimuths of the poses."""
 
     start: float = key("First azimuth [°].", _AZIMUTH)
-    stop: float = key("Last azimuth [°].", _AZIMUTH)
+    stop: float = key("Last azimuth [°], if the step leads to it.", _AZIMUTH)
     step: float = key("Step of azimuth [°].", ANY)
 
 
@@ -398,7 +398,7 @@ class Ranges(Section):
     """Ground ranges of the poses."""
 
     start: float = key("First ground range [km].", NOT_NEGATIVE)
-    stop: float = key("Last ground range [km].", NOT_NEGATIVE)
+    stop: float = key("Last ground range [km], if the step leads to it.", NOT_NEGATIVE)
     step: float = key("Step of ground range [km].", ANY)
 
 

@@ -20,7 +20,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.errors import InputError, describe
+from radar_sense.errors import InputError, counted, describe
 from radar_sense.limits import DEG, Limit
 from radar_sense.scenario_file.table_file import MAX_ROWS, TableFile
 from radar_sense.scenario_file.text_file import MAX_LETTERS, FileError, TextFile, number
@@ -161,7 +161,9 @@ class _GpxReader:
         tracks, routes = self._points.values()
         if tracks.count != 1 and (tracks.count, routes.count) != (0, 1):
             raise self._error(
-                f"must have one track or one route, got {tracks.count} and {routes.count}", 1
+                f"must have one track or one route, got {counted(tracks.count, 'track')} and "
+                f"{counted(routes.count, 'route')}",
+                1,
             )
         points = tracks if tracks.count else routes
         if points.problem is not None:

@@ -132,10 +132,11 @@ def test_no_range_and_the_end_of_the_search_are_reported():
     assert any("at no range" in line for line in weak.report)
     strong = detection_range(scenario(radar__constant=1e12), p_d=0.9, **QUICK)
     assert column(strong, "range_m_0.9") == pytest.approx(FARTHEST, rel=1e-3)
-    assert strong.report[2:] == (
-        "  P_D 0.9: sigma has no value at all 4 bearings",
-        "  P_D 0.9: still higher at 5000 km, the end of the search",
+    assert strong.report[1:] == (
+        "  P_D 0.9: over 5000 km at every bearing",
+        "  P_D 0.9: still higher at 5000 km, the end of the search; sigma has no value",
     )
+    assert not column(strong, "limited_0.9").any()  # the radar has no limit
 
 
 def test_the_report_of_ranges_that_are_passed_several_times():

@@ -261,3 +261,27 @@ def test_certain_parts_bring_nothing():
     assert not found.sources["radar_constant"].std.any()
     assert not np.any(list(stds_of(found.parts).values()))
     assert analyses.budget(s, method="montecarlo").report
+
+
+def test_a_radar_without_a_data_sheet_has_no_head_start():
+    """Single parameters of all radars compete, so that one of the largest radar is first.
+
+    The radar c is uncertain by place and c_r, each less than the largest parameter of b. Half of
+    both would leave less than half of that parameter.
+    """
+    radars = mixed_radars()
+    radars[2]["uncertainty"]["sheet"] = {
+        "position_m": 4000,
+        "constant": 0.2 * radars[2]["constant"],
+    }
+    s = mixed_network(radars, sweep=(60, 60, 1)).with_analysis(method="linear")
+    table = {name: float(v[0]) for name, v in analyses.budget(s).table.items()}
+    pieces = {
+        name.removeprefix("three_sigma_"): value
+        for name, value in table.items()
+        if re.fullmatch(r"three_sigma_([abc]_(position|constant.*)|aircraft_\w+)", name)
+        and name not in ("three_sigma_a_constant", "three_sigma_b_constant")
+    }
+    largest = max(pieces, key=pieces.__getitem__)
+    (line,) = (text for text in analyses.budget(s).report if text.startswith("know better first"))
+    assert line.startswith(f"know better first: {largest}, ")

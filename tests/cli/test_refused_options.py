@@ -41,6 +41,8 @@ REFUSED = {
     "sweep radar.constant a 5 1": "START': must be a number, got 'a'\n",
     "sweep radar.constant 1 5 1 --stepp 3": "--stepp",
     "init --from paperr": "did you mean 'paper'?",
+    "mine.yaml": "no command 'mine.yaml'; the command comes first, such as radar-sense check",
+    "variance corridor.yaml --set radars.norht.p_fa=1e-6": "mobile; did you mean 'north'?",
     # options that need or exclude each other
     "variance --probability 0.05": "Error: probability needs threshold\n",
     "budget --probability 0.05": "Error: probability needs threshold\n",

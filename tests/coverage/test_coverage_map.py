@@ -564,3 +564,29 @@ def test_a_cell_without_a_value_counts_as_above_every_contour():
     areas = result.summary["area_km2_at_or_above"]
     for level, area_km2 in areas.items():
         assert area_km2 == 400 * (1 + np.count_nonzero(shown >= float(level)))
+
+
+def test_a_map_covers_what_is_asked_for():
+    """The step of 300 km does not lead from -400 to 400 km."""
+    cells = area.grid(scenario(), north_km=(-400, 400), east_km=(0, 600), step_km=300)
+    np.testing.assert_array_equal(cells.north, [-400e3, -100e3, 200e3, 500e3])
+    np.testing.assert_array_equal(cells.east, [0, 300e3, 600e3])
+
+
+def test_areas_are_on_the_earth(tmp_path):
+    """The same place seen from its own origin and from one 30 deg away."""
+    areas = []
+    for origin in ((47, 9, 0), (30, 31, 0)):
+        place = {"latitude_deg": 47, "longitude_deg": 9, "altitude_m": 0}
+        s = flight(
+            tmp_path,
+            [(47, 9, 3000), (47.1, 9, 3000)],
+            origin,
+            radar={"position_geodetic": place, "constant": 0.005, "p_fa": 1e-6},
+            aircraft__rcs={"model": "constant", "rcs_m2": 0.1},
+        )
+        areas.append(coverage_map(s, step_km=1).summary["area_km2_at_or_above"])
+    near, far = areas
+    assert near["0.5"] > 5000
+    for level, expected in near.items():
+        assert far[level] == pytest.approx(expected, rel=0.01)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import yaml
 from helpers import CONFIGS, direction, document, read_record, scenario
-from scipy.special import ndtr
 from studies.bands import model as independent
 
 import radar_sense as rs
@@ -503,8 +502,8 @@ def test_a_cross_section_of_ones_own_may_be_read_only():
     assert np.all(table["rcs_m2"] == 0.1)
 
 
-def share_beyond(pose, s, low, high):
-    """Return the share of draws with an elevation beyond two limits, to first order."""
+def elevations_within_3_sigma(pose, s):
+    """Return the least and the greatest elevation [deg] within 3σ, to first order."""
     states = np.concatenate([pose, s.radar])
     deviations = np.sqrt(np.concatenate([np.diag(s.cov_aircraft), np.diag(s.cov_radar)]))
 
@@ -514,35 +513,47 @@ def share_beyond(pose, s, low, high):
 
     steps = 1e-4 * np.diag(deviations)
     slopes = (elevation(states + steps) - elevation(states - steps)) / 2e-4
-    at, std = elevation(states), np.linalg.norm(slopes)
-    return ndtr((low - at) / std) + ndtr((at - high) / std)
+    return (elevation(states) + 3 * np.linalg.norm(slopes) * np.array([-1, 1])) / DEG
 
 
-def test_draws_beyond_the_table_are_counted(here):
-    """Elevation is −0.74 deg, 1 deg is its deviation: 10.4 % of the draws are below −2 deg."""
-    write(here / "t.csv", *flat(-2, 30))
+def test_poses_beyond_the_table_are_counted(here):
     change = {
         "aircraft__rcs": {"model": "table", "file": "t.csv"},
         "geometry__azimuth_deg": {"start": 0, "stop": 40, "step": 10},
+        "uncertainty__aircraft": {"position_m": 10, "attitude_deg": [3, 1, 1]},
     }
+    write(here / "t.csv", *flat(-30, 30))
     s = scenario(**change)
-    beyond = []
-    rng = np.random.default_rng(1)
-    for pose in s.aircraft:
-        draws = rng.multivariate_normal(pose, s.cov_aircraft, 20_000)
-        x, y, z = np.moveaxis(body_vector(draws, s.radar), -1, 0)
-        beyond.append(np.mean(np.arctan2(-z, np.hypot(x, y)) < -2 * DEG))
-    (words,) = (w for w in analyses.montecarlo(s).warnings if "RCS table" in w)
-    count = float(words.split("about ")[1].split(" draws")[0].replace(",", ""))
-    assert count == pytest.approx(s.runs * sum(beyond), rel=0.05)
-    # to first order, with every pose's sigma of the elevation by differences
-    for low, high in ((-2, 30), (-30, 0)):
-        write(here / "t.csv", *flat(low, high))
-        exact = sum(share_beyond(pose, s, low * DEG, high * DEG) for pose in s.aircraft)
-        (line,) = table_warnings(scenario(**change), runs=10**7)
-        assert f"about {10**7 * exact:,.0f}"[:11] == line[line.index("about ") :][:11]
-    assert "5 of 5 poses" in words
+    least, greatest = np.sort([elevations_within_3_sigma(pose, s) for pose in s.aircraft], axis=0).T
+    for count in range(1, 5):
+        end, other = least[count - 1 : count + 1].mean(), greatest[4 - count : 6 - count].mean()
+        for low, high in ((end, 30), (-30, other)):
+            rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in np.linspace(low, high, 9)]
+            write(here / "t.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows)
+            (line,) = table_warnings(scenario(**change))
+            assert f"({count} of 5 poses)" in line
+    write(here / "t.csv", *flat(-2, 30))
+    s = scenario(**change)
     for analysis in (analyses.variance, analyses.sensitivity, analyses.budget):
         assert any("5 of 5 poses" in warning for warning in analysis(s).warnings)
     write(here / "t.csv", *flat(-10, 30))
     assert not any("RCS table" in w for w in analyses.montecarlo(scenario(**change)).warnings)
+
+
+@pytest.mark.parametrize(("lobes", "warned"), [(4, False), (360, False), (99_999, True)])
+def test_fine_lobes_are_in_extremes_mean_and_table(lobes, warned):
+    rcs = {"model": "spikeball", "lobes": lobes, "amplitude_m2": 10, "floor_m2": 0.01}
+    result = analyses.rcs(scenario(aircraft__rcs=rcs))
+    assert any("[rcs-fine]" in text for text in result.warnings) == warned
+    if not warned:
+        assert result.summary["largest"]["rcs_m2"] == pytest.approx(10.01, rel=1e-3)
+        assert result.summary["horizon_mean_m2"] == pytest.approx(0.01 + 20 / np.pi, rel=5e-3)
+        assert result.table["rcs_m2"].max() > 7.0
+
+
+def test_a_narrow_row_of_a_table_is_its_largest_value(here):
+    """A row between two whole degrees."""
+    fine = [f"{a / 4},{15 if a == 122 else -20}" for a in range(-720, 720)]
+    write(here / "t.csv", "azimuth_deg,rcs_dbsm", *fine)
+    result = analyses.rcs(scenario(aircraft__rcs={"model": "table", "file": "t.csv"}))
+    assert result.report[0] == "largest RCS 15.0 dBsm at azimuth 30.5 deg, any elevation"

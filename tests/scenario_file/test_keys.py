@@ -201,7 +201,7 @@ FILES = {
     "UTF-16": (default_text().encode("utf-16"), "is not UTF-8 text"),
     "enormous": (b"#" * (MAX_BYTES + 1), "is larger than 64 KiB"),
     "enormous and good": ((default_text() + "#" * MAX_BYTES).encode(), "is larger than 64 KiB"),
-    "two documents": (f"{default_text()}---\n{default_text()}".encode(), "another document"),
+    "two documents": (f"{default_text()}---\n{default_text()}".encode(), "another one begins"),
     "unclosed": (b"name: [1, 2\n", "is not valid YAML"),
     "tab": (b"radar:\n\tconstant: 1\n", ":2: has a tab where YAML allows spaces only"),
     "no colon": (b"name: x\nradar\nuncertainty: 1\n", "is not valid YAML"),

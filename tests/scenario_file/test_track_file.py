@@ -178,7 +178,7 @@ REFUSED = {
                        "a.gpx:3: is the same place as the point before"),
     "kml": ("a.kml", "<kml/>", SEA, "a.kml:1: names none of the columns, allowed: time_s or speed"),
     "no gpx": ("a.gpx", "<a/>", SEA, "a.gpx:1: must be GPX 1.1, with the root gpx of its namesp"),
-    "no track": ("a.gpx", GPX.format("a", ""), SEA, "must have one track or one route, got 0 and"),
+    "no track": ("a.gpx", GPX.format("a", ""), SEA, "must have one track or one route, got 0 tra"),
     "no points": ("a.gpx", GPX.format("trk", ""), SEA, "a.gpx: has no points"),
     "an odd encoding": ("a.gpx", f'<?xml version="1.0" encoding="unicode_escape"?>{gpx()}', SEA,
                         "a.gpx:1: encoding: must be one of utf-8, utf-16, us-ascii, iso-8859-1, "
@@ -187,7 +187,7 @@ REFUSED = {
     "a long comment": ("a.gpx", GPX.format("a", f"<!--{'a' * 2**20}-->"), SEA,
                        "a.gpx:1: has an element, an attribute or a comment over 262144 bytes"),
     "two tracks": ("a.gpx", gpx().replace("</trk>", "</trk><trk/>"), SEA,
-                   "a.gpx:1: must have one track or one route, got 2 and 0"),
+                   "a.gpx:1: must have one track or one route, got 2 tracks and 0 routes"),
     "gpx 1.0": ("a.gpx", gpx().replace("GPX/1/1", "GPX/1/0"), SEA, "a.gpx:1: must be GPX 1.1"),
     "no xml": ("a.gpx", csv(), SEA, "a.gpx:1: is not valid XML: syntax error"),
     "open": ("a.gpx", gpx()[:-3], SEA, "is not valid XML: unclosed token"),
