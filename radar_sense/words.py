@@ -470,18 +470,21 @@ def method_warnings(scenario: Scenario, moments: Moments, method: str, k: float)
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     """Return one line "a, b and c: text" for all labels with a warning of one name.
 
-    Where the texts differ, the text is that of the first label, which is named.
+    Where the texts differ, the text is that of the first label: "a: text; also b and c".
     """
     by_name: dict[str, dict[str, str]] = {}
     for label, text in labelled:
         by_name.setdefault(text.rpartition(" [")[2], {})[label] = text
     lines = []
     for texts in by_name.values():
-        (first, text), differ = next(iter(texts.items())), len(set(texts.values())) > 1
-        labels = list(texts)
+        labels, text = list(texts), next(iter(texts.values()))
         if len(labels) > NAMED:
             labels[NAMED - 1 :] = [f"{len(labels) - NAMED + 1} more"]
-        lines.append(f"{listed(labels)}{f', here {first}' if differ else ''}: {text}")
+        if len(set(texts.values())) > 1:
+            body, name = text.removesuffix("]").rsplit(" [", 1)
+            lines.append(f"{labels[0]}: {body}; also {listed(labels[1:])} [{name}]")
+        else:
+            lines.append(f"{listed(labels)}: {text}")
     return tuple(lines)
 
 
