@@ -185,28 +185,6 @@ def test_times_that_differ_by_rounding_are_one(tmp_path):
     assert len(looks.axis) == 13
 
 
-def test_each_radar_alone_is_a_mission_of_its_own(tmp_path):
-    periods = {"hill": 7, "far": 12, "near": 5}
-    together = mission(load(tmp_path, periods, 25.0), m_of_n=(2, 3))
-    for name, period in periods.items():
-        one = mission(load(tmp_path, {name: period}, 25.0), m_of_n=(2, 3))
-        own = np.isin(together.table["time_s"], one.table["time_s"])
-        for column in ("cumulative_p_d", "track_p_d", "p_d"):
-            np.testing.assert_allclose(
-                together.table[f"{column}_{name}"][own], one.table[column], rtol=1e-9, atol=1e-15
-            )
-        for event in ("cumulative", "track"):  # of few draws
-            mean, std = (f"{what}_{event}" for what in ("mean", "sigma"))
-            off = abs(together.table[f"{mean}_{name}"][own] - one.table[mean])
-            assert np.all(off <= 0.5 * one.table[std] + 1e-12)
-        of_radar = together.summary["radars"][name]
-        assert (of_radar["scan_period_s"], of_radar["looks"]) == (period, one.summary["looks"])
-        for event in ("detection", "track"):
-            assert of_radar[event]["at_end"]["p"] == pytest.approx(
-                one.summary[event]["at_end"]["p"]
-            )
-
-
 def test_draws_depend_on_the_seed_and_not_on_the_workers(tmp_path):
     s = load(tmp_path, CASES[1], 25.0)
     options = {"runs": 9000, "m_of_n": (2, 3)}

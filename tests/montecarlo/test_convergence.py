@@ -15,7 +15,6 @@ from radar_sense.montecarlo.convergence import (
     estimate,
     measure,
     rate,
-    root_mean_square,
 )
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.sampler import Sampler
@@ -97,18 +96,6 @@ def test_the_reference_agrees_with_form(measured):
     assert np.all(difference < known + [error[n] for n in ("mean", "std", "quantile", "quantile")])
     assert measured.reference_error["mean"] < 1e-3
     assert measured.reference_error["std"] < 1e-3
-
-
-def test_errors_are_root_mean_squares_in_units_of_sigma():
-    off = np.zeros((3, 1, 4, 3))
-    off[0, 0, :, :2] = [[0.03, 0.0], [0.0, 0.08], [0.03, 0.0], [0.0, 0.12]]
-    off[..., 2] = 1.0  # a pose without σ
-    found = root_mean_square(off, np.array([0.1, 0.2, 0.0]))
-    # 0.3 σ, 0.4 σ, and 0.3 σ and 0.6 σ, at one of three repetitions and one of two poses
-    square = {"mean": 0.3**2 / 2, "std": 0.4**2 / 2, "quantile": (0.3**2 + 0.6**2) / 4}
-    for statistic in STATISTICS:
-        assert found[statistic] ** 2 == pytest.approx([square[statistic] / 3])
-        assert np.isnan(root_mean_square(off, np.zeros(3))[statistic]).all()
 
 
 def test_the_reference_is_the_mean_of_independent_sequences_with_its_standard_error():
