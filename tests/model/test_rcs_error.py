@@ -14,7 +14,6 @@ from helpers import (
     scenario,
     scenario_of,
     sheet_document,
-    single,
     slopes,
     with_arrays,
     write,
@@ -98,26 +97,6 @@ def test_partials_are_those_of_differences(name):
     assert np.all(off <= 1e-3 * scale)
 
 
-def test_the_standard_deviation_of_a_table_is_exact_at_its_nodes():
-    azimuth, elevation = (a.ravel() for a in np.meshgrid(AZIMUTH, ELEVATION, indexing="ij"))
-    body = np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
-         -np.sin(elevation)], axis=-1,
-    )  # fmt: skip
-    model = rs.DetectionModel(TABLE, 1e-6, rs.Swerling1())
-    aircraft = np.zeros((len(body), 6))
-    radar = np.column_stack([1e5 * body, np.full(len(body), 1e-3)])
-    for error in (-2.0, 1.0):
-        ratio = model.snr(aircraft, with_error(radar, error))
-        ratio /= model.snr(aircraft, radar)
-        assert_allclose(10 * np.log10(ratio), error * TABLE.std_db.ravel(), rtol=1e-9)
-    flat = TableRCS(AZIMUTH, TABLE.rcs[:, 0], std_db=np.full(len(AZIMUTH), 1.5))
-    plain = TableRCS(AZIMUTH, TABLE.rcs[:, 0])
-    one, other = (rs.DetectionModel(t, 1e-6) for t in (flat, plain))
-    half, whole = (with_error(radar, e) for e in (1.0, 1.5))
-    assert_allclose(one.snr(aircraft, half), other.snr(aircraft, whole), rtol=1e-12)
-
-
 @pytest.mark.parametrize(("detector", "sigma"), [(rs.Marcum, 0.2348), (rs.Swerling1, 0.0758)])
 def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
     model = rs.DetectionModel(ConstantRCS(1.0), 1e-6, detector())
@@ -139,28 +118,6 @@ def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
     std = np.sqrt(np.sum(weights * (p_d - mean) ** 2) / np.sum(weights))
     assert ends.mean[0] == pytest.approx(mean, abs=5e-5)
     assert ends.std[0] == pytest.approx(std, rel=1e-3)
-
-
-@pytest.mark.parametrize("method", ["linear", "probit", "form"])  # others draw the two apart
-@pytest.mark.parametrize("limits", [{}, {"max_range": 220.3e3}])
-@pytest.mark.all_draws
-def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
-    """A loss with a tolerance of 1.5 dB gives c_r the distribution that σ_r has with rcs_db."""
-    of_loss = rs.parse_scenario(yaml_text(sheet_document(tolerances={"loss_db": 1.5})))
-    content = sheet_document(tolerances={"loss_db": 0})
-    content["uncertainty"]["aircraft"]["rcs_db"] = 1.5
-    of_rcs = rs.parse_scenario(yaml_text(content))
-    limited = NetworkModel((Radar(single(of_rcs), **limits),))
-    pair = [with_arrays(s, model=limited) for s in (of_loss, of_rcs)]
-    one, other = (propagate_scenario(s, method=method) for s in pair)
-    for field in ("p_d", "mean", "std", "lower", "upper"):
-        assert_allclose(getattr(one, field), getattr(other, field), rtol=1e-5, atol=1e-9)
-    assert one.std.min() > 0.01
-    warned = [
-        unreliable_in_scenario(s, m, method=method) for s, m in zip(pair, (one, other), strict=True)
-    ]
-    assert_array_equal(*warned)
-    assert warned[0].any() or not limits
 
 
 def test_a_limit_matters_where_the_error_makes_the_radar_see():

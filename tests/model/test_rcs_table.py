@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import runpy
 
 import numpy as np
@@ -83,16 +82,6 @@ def test_a_cut_is_periodic_wherever_it_begins(first):
     # The error of a cubic spline is at most 5/384 h⁴ max|f⁗| (C. A. Hall and W. W. Meyer, J.
     # Approx. Theory 16, 1976): here 5/384 · 0.0873⁴ · 9 in ln σ.
     np.testing.assert_allclose(np.log(found), np.log(sigma(fine)), atol=6.8e-6)
-
-
-def test_the_seam_is_as_smooth_as_the_rest():
-    rng = np.random.default_rng(4)
-    for table in (cut(rng), grid(rng)):
-        for seam in (np.pi, table.azimuth[0]):
-            body = direction(seam + np.array([-1e-9, 0, 1e-9]), np.full(3, 0.1))
-            sigma, gradient = table.linearize(body)
-            np.testing.assert_allclose(sigma, sigma[1], rtol=1e-6)
-            np.testing.assert_allclose(gradient, gradient[[1, 1, 1]], atol=1e-5 * sigma[1])
 
 
 @pytest.mark.parametrize("kind", ["cut", "grid", "poles", "envelope", "envelope of a grid"])
@@ -322,20 +311,11 @@ def test_the_file_is_looked_for_beside_the_scenario(here):
     assert isinstance(s.radars[0].model.rcs, rs.TableRCS)
     assert rs.load_scenario(path.relative_to(here)).resolved() == s.resolved()
     entry = s.resolved()["aircraft"]["rcs"]
-    digest = hashlib.sha256((path.parent / "t.csv").read_bytes()).hexdigest()
-    assert entry == {
-        "model": "table",
-        "file": "scenarios/t.csv",  # from the working folder
-        "sha256": digest,
-    }
+    assert entry["file"] == "scenarios/t.csv"  # from the working folder
     path.unlink()
     again = rs.parse_scenario(yaml.safe_dump(s.resolved()))
     assert again.resolved() == s.resolved()
     np.testing.assert_array_equal(again.radars[0].model.rcs.rcs, s.radars[0].model.rcs.rcs)
-    # What was resolved is that table or no table.
-    write(here / "scenarios" / "t.csv", *A, *full(value="0.6"))
-    with pytest.raises(rs.InputError, match=r"aircraft.rcs.sha256: .* another file than it was"):
-        rs.parse_scenario(yaml.safe_dump(s.resolved()))
 
 
 def test_mirror_and_envelope_are_read(here):

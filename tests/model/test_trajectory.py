@@ -121,18 +121,6 @@ def test_drifting_is_hovering():
     np.testing.assert_array_equal(yaw, 0.0)
 
 
-def test_three_rows_and_two():
-    position = np.array([[0.0, 0, 0], [100, 0, 0], [200, 10, 0]])
-    three = attitude_from_motion(*motion_of_samples(np.array([0.0, 1, 2]), position))
-    # At the middle: velocity (100, 5), acceleration (0, 10).
-    to_the_right = 100 * 10 / math.hypot(100, 5)
-    np.testing.assert_allclose(
-        three[1], [math.atan(to_the_right / G), 0, math.atan2(5, 100)], rtol=1e-14
-    )
-    two = attitude_from_motion(*motion_of_samples(np.array([0.0, 1]), position[1:]))
-    np.testing.assert_allclose(two, [[0, 0, math.atan2(10, 100)]] * 2, rtol=1e-14)
-
-
 def test_a_hovering_aircraft_keeps_the_last_course_and_is_level():
     north = np.array([0.0, 0, 0, 0, 50, 100, 100, 100, 100, 100])
     up = np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 10, 20])
@@ -254,37 +242,6 @@ def test_covariances_are_mixed(origin):
             np.testing.assert_allclose(found.covariance[5], expected, rtol=1e-12)
             np.testing.assert_array_equal(found.covariance[0], path.covariance[0])
             np.testing.assert_array_equal(found.covariance[-1], path.covariance[-1])
-
-
-def test_legs_follow_the_curve_of_the_earth():
-    # 10° along the equator in one leg: the straight line would be 24 km under the ground.
-    place = np.array([[0.0, 0.0, 5e3], [0.0, 10 * DEG, 6e3]])
-    path = load(geodetic([0.0, 4000.0], place), origin=(0.0, 0.0, 0.0))
-    found = resample(path, 400.0)
-    back = wgs84.geodetic_from_ned(found.aircraft[:, :3], (0.0, 0.0, 0.0))
-    np.testing.assert_allclose(back[:, 0], 0.0, atol=1e-15)
-    np.testing.assert_allclose(back[:, 2], np.linspace(5e3, 6e3, 11), atol=1e-7)
-    np.testing.assert_allclose(back[:, 1], np.linspace(0, 10, 11) * DEG, atol=1e-4)
-    turns = np.swapaxes(wgs84.turn_to_origin(back, (0.0, 0.0, 0.0)), -1, -2)
-    roll, pitch, yaw = wgs84.turned_attitude(found.aircraft[:, 3:], turns).T
-    np.testing.assert_allclose(roll, 0.0, atol=1e-14)
-    np.testing.assert_allclose(yaw, np.pi / 2, atol=1e-12)
-    speed = 10 * DEG * 6.3836e6 / 4000
-    np.testing.assert_allclose(pitch, math.atan2(0.25, speed), rtol=0.01)
-
-
-@pytest.mark.parametrize("method", ["legs", "smooth"])
-def test_a_flight_in_latitude_and_longitude_can_be_smooth(method):
-    time = np.arange(0.0, 400.0, 20.0)
-    place = np.stack([40 * DEG + 3e-5 * time, -104 * DEG + 0 * time, 5000 + 0 * time], axis=-1)
-    path = load(geodetic(time, place), origin=ORIGIN)
-    found = resample(path, 5.0, method)
-    back = wgs84.geodetic_from_ned(found.aircraft[:, :3], ORIGIN)
-    np.testing.assert_allclose(back[:, 0], 40 * DEG + 3e-5 * found.time_s, atol=1e-9)
-    np.testing.assert_allclose(back[:, 2], 5000.0, atol=1e-2 if method == "smooth" else 1e-7)
-    turns = np.swapaxes(wgs84.turn_to_origin(back, ORIGIN), -1, -2)
-    local = wgs84.turned_attitude(found.aircraft[:, 3:], turns)
-    np.testing.assert_allclose(local, 0.0, atol=1e-4)
 
 
 def test_one_pose_stays_one_pose():
