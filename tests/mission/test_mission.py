@@ -1,7 +1,5 @@
 """Missions of one radar: keys, looks, numbers against draws, and the report."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bounds of missions against plain loops that share no code with the package."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -63,7 +61,6 @@ def mission_document(names, tau, pose=800, *, every=None, weaker=1.0, **changes)
 
 
 def load(folder, *args, **options):
-    """Return the scenario of `mission_document`."""
     (folder / "route.csv").write_text(ROUTE)
     (folder / "my.yaml").write_text(yaml_text(mission_document(*args, **options)))
     return rs.load_scenario(folder / "my.yaml")
@@ -224,7 +221,6 @@ def test_tails_are_those_of_repeated_values():
 
 
 def tails_of(values):
-    """Upper tails of equal draws (..., n), at each of `RANKS`."""
     share = np.full(values.shape[-1], 1 / values.shape[-1])
     return np.array([[upper_tails(row[np.newaxis], share, RANKS)[0] for row in v] for v in values])
 

@@ -1,7 +1,5 @@
 """Missions of radars with different periods, against an oracle that takes each look by itself."""
 
-from __future__ import annotations
-
 import json
 import math
 import runpy
@@ -133,23 +131,6 @@ def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
         for end, level in (("lower", 0.00135), ("upper", 0.99865)):
             quantile = np.quantile(drawn, level, axis=1)
             assert np.max(abs(found[f"{column}mc_{end}"] - quantile)) < 0.9 * std.max()
-
-
-@pytest.mark.parametrize("tau", [0.0, 25.0])
-def test_a_radar_that_sees_nothing_takes_nothing_away(tmp_path, tau):
-    """Looks without a possible detection do not change a track of another period."""
-    alone = mission(load(tmp_path, {"far": 10}, tau), m_of_n=(2, 3)).table
-    both = mission(load(tmp_path, {"far": 10, "blind": 2}, tau), m_of_n=(2, 3)).table
-    shared = np.isin(both["time_s"], alone["time_s"])
-    for column in ("p_d", "cumulative_p_d", "track_p_d"):
-        np.testing.assert_allclose(
-            both[column][shared], alone[column], rtol=1e-12, atol=1e-15, err_msg=column
-        )
-    for column in ("lower_3sigma", "upper_3sigma", "track_lower_3sigma", "track_upper_3sigma"):
-        assert both[f"{column}_blind"].max() == 0
-        error = np.hypot(alone[f"{column}_se"], both[f"{column}_se"][shared])
-        off = abs(both[column][shared] - alone[column])
-        assert np.all(off <= 0.1 * alone[column] + 30 * error + 1e-12)  # of two replicates
 
 
 def test_a_network_of_one_is_the_single_radar(tmp_path):

@@ -5,8 +5,6 @@ and nothing is written. The cases are made from the embedded scenario. `LINES` h
 line, so the line that an error must name is known here without the reader.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -44,7 +42,6 @@ OPTIONAL = ["radar.detector", "geometry.azimuth_from", "analysis.runs", "analysi
 
 
 def yaml_text(lines: Lines) -> str:
-    """Write the lines as a document, one key per line."""
     return "".join(f"{'  ' * p.count('.')}{p.split('.')[-1]}: {v}\n" for p, v in lines)
 
 
@@ -74,7 +71,6 @@ def accepted(lines: Lines) -> rs.Scenario:
 
 
 def with_changes(**changes: str) -> rs.Scenario:
-    """Return the scenario with other values at key paths, `__` between the keys."""
     return accepted(replaced({path.replace("__", "."): v for path, v in changes.items()}))
 
 

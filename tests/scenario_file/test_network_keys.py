@@ -3,8 +3,6 @@
 A refusal is one line that names file, line, key path and the allowed values, as in `test_keys`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import yaml
@@ -25,7 +23,6 @@ from numpy.testing import assert_array_equal
 from scenario_file.refused import place_of_error
 
 import radar_sense as rs
-from radar_sense.covariance import block_diagonal
 from radar_sense.scenario_file.load import default_text
 
 NEAR = {**yaml.safe_load(default_text())["geometry"], "range_km": 4}
@@ -98,12 +95,6 @@ def test_a_network_reads_back(tool, count):
         f"# r{i}" for i in range(count)
     ]
     assert yaml.safe_load(out) == first.resolved()
-
-
-def test_covariances_stand_side_by_side():
-    a, b = np.arange(4.0).reshape(2, 2), 10 + np.arange(4.0).reshape(2, 2)
-    wanted = [[0, 1, 0, 0], [2, 3, 0, 0], [0, 0, 10, 11], [0, 0, 12, 13]]
-    assert_array_equal(block_diagonal([a, b]), wanted)
 
 
 # Refused keys.

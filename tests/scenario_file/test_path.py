@@ -1,7 +1,5 @@
 """Paths in place of the orbit: from the route file to tables, figures, words and refusals."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -60,7 +58,6 @@ def load(folder, text=ROUTE, **changes):
 
 
 def correlated_route():
-    """Four poses with a full covariance each."""
     mix = np.random.default_rng(5).standard_normal((4, 6, 6))
     mix *= np.array([[30.0, 20, 10, 0.5, 0.3, 1.0]]).T
     columns = triangle(mix @ np.swapaxes(mix, -1, -2))
@@ -109,7 +106,6 @@ def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std,
 
 
 def single_pose(scenario, pose):
-    """Return a scenario of one pose, with one covariance."""
     one = scenario.at_poses(slice(pose, pose + 1))
     return with_arrays(one, cov_aircraft=one.cov_aircraft[0])
 
@@ -268,22 +264,6 @@ def test_places_that_are_refused(tmp_path, text, changes, says):
     file = write_path(tmp_path, text, **{"radar": radar, "geometry__origin": ORIGIN, **changes})
     with refused(says):
         rs.load_scenario(file)
-
-
-def test_a_resolved_path_reads_back_from_anywhere(tmp_path):
-    way = {"step_s": 70.0, "method": "smooth"}
-    path = {"interpolate": way, "max_gap_s": 600.0, "axis": "distance"}
-    geometry = {"type": "path", "file": "route.csv", **path}
-    s = load(tmp_path, UNCERTAIN, geometry=geometry)
-    resolved = s.resolved()
-    assert "aircraft" not in resolved["uncertainty"]
-    assert "attitude_deg" not in resolved["aircraft"]
-    assert {key: resolved["geometry"][key] for key in path} == path
-    again = rs.parse_scenario(yaml.safe_dump(resolved), "/nowhere/else.yaml")
-    assert again.resolved() == resolved
-    for name in ("aircraft", "cov_aircraft", "time_s"):
-        assert (getattr(again, name) == getattr(s, name)).all()
-        assert not getattr(again, name).flags.writeable
 
 
 def test_the_file_is_recorded_as_seen_from_here(tmp_path, monkeypatch):

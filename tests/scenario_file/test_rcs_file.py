@@ -1,7 +1,5 @@
 """RCS tables from files: what is read, and what is refused with file and line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers import direction
