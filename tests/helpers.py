@@ -21,6 +21,7 @@ from radar_sense import axis as axes
 from radar_sense.flight import Path as Flight
 from radar_sense.flight import States
 from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.geometry import orbit
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar import Level, Radar
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
@@ -80,6 +81,14 @@ def scenario(**changes):
 def _parsed(text):
     """The scenario of a text that names no file: many tests have the same immutable scenario."""
     return parse_scenario(text)
+
+
+def paper_aircraft(azimuth_deg):
+    """States (..., 6) on the paper's orbit: 500 km out, 3 km up, heading east."""
+    states = np.zeros((*np.shape(azimuth_deg), 6))
+    states[..., :3] = orbit(np.radians(azimuth_deg), radius=500e3, down=-3e3)
+    states[..., 5] = np.radians(90)
+    return states
 
 
 def csv_text(head, rows):
@@ -327,7 +336,6 @@ def sheet_document(
 
 
 def sheet_scenario(*args, **kwargs):
-    """The paper's scenario with a radar given by its parameters."""
     return parse_scenario(yaml_text(sheet_document(*args, **kwargs)))
 
 
@@ -385,7 +393,6 @@ def cov_by_level(scenario):
 
 
 def tolerances_by_level(scenario):
-    """Return the tolerances of all radars by level."""
     return {level: scenario.with_analysis(level=level).tolerances for level in scenario.levels}
 
 
@@ -502,7 +509,6 @@ def network_document(*radars, **changes):
 
 
 def parsed_network(*radars, **changes):
-    """Scenario of `network_document`."""
     return parse_scenario(yaml_text(network_document(*radars, **changes)))
 
 

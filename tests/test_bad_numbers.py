@@ -1,7 +1,5 @@
 """NaN, infinity and matrices that are no covariances raise errors in every method."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Environments of users: settings of Matplotlib and Python, locales, closed streams."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -44,7 +44,6 @@ def modules() -> dict[str, Path]:
 
 @cache
 def trees() -> dict[str, ast.Module]:
-    """Return the syntax of all modules."""
     return {name: ast.parse(path.read_text("utf-8")) for name, path in modules().items()}
 
 

@@ -118,17 +118,14 @@ CERTAIN = {"uncertainty__radar__medium__constant": 0}
 
 
 def away(km):
-    """A strong radar at a distance."""
     return {"geometry__range_km": km, "radar__constant": 1e6}
 
 
 def sigma(metres):
-    """Deviations of the aircraft's position."""
     return {"uncertainty__aircraft__position_m": metres}
 
 
 def sigma_of_constant(value, level="medium"):
-    """The deviation of c_r at a level."""
     return {f"uncertainty__radar__{level}__constant": value}
 
 

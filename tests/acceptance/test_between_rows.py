@@ -37,7 +37,6 @@ def flight(folder, rows, radar, rcs, aircraft):
 
 
 def flown(*args):
-    """Return the threshold test of a flight."""
     return analyses.variance(flight(*args), threshold=LIMIT)
 
 

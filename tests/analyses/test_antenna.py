@@ -45,7 +45,6 @@ def made(folder, **changes):
 
 
 def loaded(folder, content):
-    """The scenario of a document whose files are in a folder."""
     (folder / "my.yaml").write_text(yaml_text(content))
     return load_scenario(folder / "my.yaml")
 

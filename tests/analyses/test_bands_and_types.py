@@ -152,12 +152,10 @@ def test_one_band_for_all_is_no_band():
 
 
 def of_type(**deviation):
-    """The uncertainty of a type by the level of the radars."""
     return {"types": {"filler": {"one": deviation}}}
 
 
 def with_rcs(**rcs):
-    """An aircraft with another RCS."""
     return {"aircraft": {"rcs": rcs, "attitude_deg": [0, 0, 0]}}
 
 

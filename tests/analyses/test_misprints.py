@@ -81,7 +81,6 @@ def test_printed_rotation_gives_another_p_d():
 
 
 def turned_at_45(*angles):
-    """State of the aircraft at 45° with other angles [deg]."""
     return np.concatenate([aircraft_at(45.0)[:3], np.radians(angles)])
 
 

@@ -4,7 +4,6 @@ import json
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 from helpers import (
@@ -20,10 +19,9 @@ from helpers import (
 from radar_sense import analyses
 from radar_sense.errors import InputError
 from radar_sense.model.network import NetworkModel
-from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import for_radar, single_radar_scenarios
-from radar_sense.scenario_file.load import load_scenario, parse_scenario
+from radar_sense.scenario_file.load import load_scenario
 
 pytestmark = pytest.mark.usefixtures("quick")
 
@@ -66,16 +64,10 @@ def test_one_radar_by_itself(tool, line, monkeypatch):
 
 def test_for_radar_is_the_scenario_of_one_radar_with_its_name():
     s = mixed_network()
-    one, expected = for_radar(s, "c"), single_radar_scenarios(s)["c"]
+    one = for_radar(s, "c")
     assert isinstance(one.model, NetworkModel)
     assert one.model.names == ("c",)
-    assert (one.name, expected.name) == ("paper_c", "paper")
-    for method in ("linear", "form"):
-        found, same = (propagate_scenario(x, method=method) for x in (one, expected))
-        np.testing.assert_array_equal(found.std, same.std)
-    again = parse_scenario(yaml.safe_dump(one.resolved()))
-    np.testing.assert_array_equal(monte_carlo(again).sample_paths, monte_carlo(one).sample_paths)
-    assert again.resolved() == one.resolved()
+    assert (one.name, single_radar_scenarios(s)["c"].name) == ("paper_c", "paper")
     with pytest.raises(InputError, match="single radar"):
         for_radar(load_scenario(), "radar")
     with pytest.raises(InputError, match="more than 100 letters"):

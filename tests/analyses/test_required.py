@@ -139,5 +139,4 @@ def test_an_accuracy_out_of_a_minimum_range_is_enough(seed):
 
 
 def p_d(constant, distance):
-    """P_D of `near` by Swerling's case 1."""
     return 1e-6 ** (1 / (1 + constant / (1.380649e-23 * distance**4)))

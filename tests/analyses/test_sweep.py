@@ -125,14 +125,6 @@ def test_the_figure_has_the_band_of_the_table():
     assert "its band of $3\\,\\sigma$" in axes.get_legend_handles_labels()[1]
 
 
-def test_set_on_the_command_line(tool):
-    args = ["variance", "--set", "radar.constant=1.50e2", "--no-plot"]
-    assert tool(*args).code == 0
-    record = read_record("figures/paper_variance.json")
-    assert record["scenario"]["radar"]["constant"] == 150
-    assert record["command"] == ["radar-sense", *args]
-
-
 def test_a_long_sweep_says_so_after_its_first_value(monkeypatch, caplog):
     clock = iter([0.0, 6.0])
     monkeypatch.setattr(time, "process_time", lambda: next(clock))

@@ -1,7 +1,5 @@
 """The command line: output, files and exit codes."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json
@@ -58,7 +56,6 @@ COLUMNS = {
 
 
 def few(command: str) -> list[str]:
-    """Return options for a short computation."""
     if command == "map":
         return ["--step-km", "50"]
     if command == "range":
@@ -70,7 +67,6 @@ def few(command: str) -> list[str]:
 
 
 def files(folder: str | Path = "figures") -> dict[str, bytes]:
-    """Return all files of a folder, hidden ones included."""
     return {p.name: p.read_bytes() for p in Path(folder).iterdir()}
 
 
@@ -343,8 +339,6 @@ def test_every_scenario_in_configs_runs(tool, monkeypatch, config, command):
 
 
 class Terminal(io.StringIO):
-    """Standard error that is a terminal."""
-
     def isatty(self) -> bool:
         return True
 

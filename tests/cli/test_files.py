@@ -1,7 +1,5 @@
 """Files of a run: each is whole, the record is last and has the digests, and nothing is deleted."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -31,7 +29,6 @@ NEW = {"a.csv": b"new a", "a.png": b"new png", "a.json": b"new json"}
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder with old files."""
     for name, content in OLD.items():
         (tmp_path / name).write_bytes(content)
     return tmp_path
@@ -46,13 +43,10 @@ def default_signals() -> Iterator[None]:
 
 
 def content(folder: Path | str) -> dict[str, bytes]:
-    """Return all files of a folder, hidden ones included."""
     return {p.name: p.read_bytes() for p in Path(folder).iterdir() if p.is_file()}
 
 
 def raising(error: BaseException) -> Callable[..., None]:
-    """Return a function that raises an error."""
-
     def fail(*args: object) -> None:
         raise error
 

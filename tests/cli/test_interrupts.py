@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM at any moment: one line, exit code 130, and whole files or none."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

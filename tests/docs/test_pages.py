@@ -67,7 +67,6 @@ def folder(tmp_path, monkeypatch):
 
 
 def run(line, *options):
-    """Return the outcome of a command line."""
     return CliRunner().invoke(cli, [*shlex.split(line.partition(" > ")[0])[1:], *options])
 
 

@@ -9,6 +9,7 @@ import chain_rule
 import numpy as np
 import oracle
 import pytest
+from helpers import paper_aircraft
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
@@ -17,7 +18,7 @@ from scipy.special import erfcinv
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.detectors import North, linearize
-from radar_sense.model.geometry import body_vector, orbit, slant_range
+from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 
 #: The largest relative error of one correctly rounded operation.
@@ -35,14 +36,6 @@ BLOCKS = {
 
 PAPER = DetectionModel(rcs=EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
 PAPER_RADAR = np.array([0.0, 0.0, 0.0, 167.0])
-
-
-def paper_aircraft(azimuth_deg):
-    """States (..., 6) on the paper's orbit: 500 km out, 3 km up, heading east."""
-    states = np.zeros((*np.shape(azimuth_deg), 6))
-    states[..., :3] = orbit(np.radians(azimuth_deg), radius=500e3, down=-3e3)
-    states[..., 5] = np.radians(90)
-    return states
 
 
 def random_poses(rng, count):
@@ -77,7 +70,6 @@ def constant_for(snr, aircraft, radar, rcs):
 
 
 def inverse_north(p_d, p_fa):
-    """Return the signal-to-noise ratio of a P_D by North's formula."""
     return (np.sqrt(-np.log(p_fa)) - erfcinv(2 * p_d)) ** 2 - 0.5
 
 

@@ -1,7 +1,5 @@
 """The error of the RCS: its factor, its gradient, and the standard deviation of a table."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """RCS tables: the file, the interpolation, the envelope, and the chain that uses them."""
 
-from __future__ import annotations
-
 import dataclasses
 import runpy
 

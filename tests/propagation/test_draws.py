@@ -102,7 +102,6 @@ PROBLEMS = {
 
 
 def plain_p_d(name, draws, seed=1):
-    """Return P_D at drawn states (n,)."""
     return truth.drawn(Oracle(PROBLEMS[name].problem), np.random.default_rng(seed), draws)
 
 
@@ -123,12 +122,10 @@ def statistics_of(p_d, p_max):
 
 @lru_cache
 def truth_of(name):
-    """Return `statistics_of` many plain draws of a problem."""
     return statistics_of(plain_p_d(name, 400_000), PROBLEMS[name].p_max)
 
 
 def states_of(name, seed=1, runs=500):
-    """Return the uncertain states of a problem."""
     return package.scenario(PROBLEMS[name].problem).with_analysis(seed=seed, runs=runs).states()
 
 

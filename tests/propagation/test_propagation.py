@@ -7,7 +7,7 @@ themselves.
 
 import numpy as np
 import pytest
-from helpers import standard_normal_space
+from helpers import paper_aircraft, standard_normal_space
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 from reference import reading
@@ -17,7 +17,6 @@ from studies.bands import judging, package, populations, truth
 
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
-from radar_sense.model.geometry import orbit
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
@@ -43,13 +42,6 @@ DEGREE = np.radians(1.0)
 VALUES = ("mean", "std", "lower", "upper")
 #: The methods without draws.
 SMOOTH = ("linear", "probit", "form")
-
-
-def paper_aircraft(azimuth_deg):
-    states = np.zeros((*np.shape(azimuth_deg), 6))
-    states[..., :3] = orbit(np.radians(azimuth_deg), radius=500e3, down=-3e3)
-    states[..., 5] = np.radians(90)
-    return states
 
 
 def independent(*std):
@@ -417,7 +409,6 @@ def test_without_uncertainty_every_deviation_is_zero(method):
 
 
 def correlated(rng, std, rank=None):
-    """A full covariance with these standard deviations."""
     root = rng.normal(size=(len(std), rank or len(std)))
     root /= np.linalg.norm(root, axis=1, keepdims=True)
     return np.outer(std, std) * (root @ root.T)

@@ -76,8 +76,6 @@ analysis: {level: one, seed: 3}
 
 @dataclass
 class Node:
-    """An element of a page."""
-
     tag: str
     attributes: dict[str, str]
     children: list[Node | str] = field(default_factory=list)
