@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radar_sense.covariance import block_square_root, draws, first_wrong, problem, square_root
+from radar_sense.covariance import block_square_root, draws, problem, square_root
 
 
 def random_covariance(rng, size, rank):
@@ -62,24 +62,6 @@ def test_a_component_without_variance_stays_certain():
 )
 def test_matrices_that_are_no_covariances(matrix, says):
     assert says in problem(np.array(matrix, dtype=float))
-
-
-@pytest.mark.parametrize("size", [2, 6])
-def test_the_first_bad_matrix_of_many_has_the_problem_that_it_has_by_itself(size):
-    rng = np.random.default_rng(size)
-    good = [random_covariance(rng, size, rank) for rank in rng.integers(1, size + 1, 30)]
-    good += [np.zeros((size, size)), np.eye(size)]
-    many = np.array([(c + c.T) / 2 for c in good])
-    assert first_wrong(many) is None
-    assert first_wrong(many[:0]) is None
-    negative, alone, indefinite = (np.eye(size) for _ in range(3))
-    negative[1, 1] = -1e-30
-    alone[0, 0], alone[0, 1], alone[1, 0] = 0.0, 1e-30, 1e-30
-    indefinite[0, 1] = indefinite[1, 0] = 1 + 1e-8
-    for bad in (negative, alone, indefinite):
-        many[[17, 25]] = bad
-        assert first_wrong(many) == (17, problem(bad))
-        assert first_wrong(many[18:]) == (7, problem(bad))
 
 
 @pytest.mark.parametrize("per_pose", [False, True])

@@ -74,18 +74,6 @@ def test_there_is_no_flight_between_states():
         s.geometry.at(np.array([1.0]))
 
 
-@pytest.mark.parametrize("method", ["legs", "smooth"])
-def test_between_interpolated_poses_the_aircraft_is_on_the_route(tmp_path, method):
-    """The route turns at 10 s, between two poses."""
-    coarse, fine = (
-        rs.load_scenario(write_path(tmp_path, ROUTE, geometry__interpolate=way))
-        for way in ({"step_s": 15, "method": method}, {"step_s": 2.5, "method": method})
-    )
-    found = coarse.geometry.at(fine.geometry.coordinate)
-    np.testing.assert_allclose(found.aircraft, fine.aircraft, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(found.covariance, fine.cov_aircraft, rtol=1e-12, atol=1e-12)
-
-
 def test_other_poses_of_the_flight_keep_the_record_of_the_file(tmp_path):
     paths = rs.load_scenario(write_path(tmp_path, ROUTE)), scenario()
     for s, coordinate in zip(paths, (np.array([1.0, 2, 3]), np.array([7.0])), strict=True):

@@ -282,66 +282,9 @@ def test_the_refined_path_is_within_its_tolerance(tmp_path):
     assert again.added == 0
 
 
-def shaped(p_d, upper=None):
-    """A method whose P_D and bound are these functions of the time."""
-
-    def propagate(s):
-        p, u = p_d(s.time_s), (upper or p_d)(s.time_s)
-        return Band(p_d=p, lower=p, upper=u, error=np.zeros(len(p)))
-
-    return propagate
-
-
-def far(tmp_path, rows=5):
-    """A path of rows 10 s apart, so far from the radar that only P_D asks for more poses."""
-    lines = "".join(f"{10 * k},400000,{1000 * k},-9000\n" for k in range(rows))
-    return past(tmp_path, "time_s,north_m,east_m,down_m\n" + lines, aircraft__rcs=CONSTANT)
-
-
-@pytest.mark.parametrize("of", ["p_d", "upper"])
-def test_a_step_is_halved_where_a_parabola_leaves_its_line_by_more_than_the_tolerance(tmp_path, of):
-    """The parabola a t² leaves its chord over h by a h²/4."""
-    s, line = far(tmp_path), np.zeros_like
-    functions = {"p_d": line, "upper": line, of: lambda t: 1e-4 * t**2}
-    propagate = shaped(**functions)
-    off = 1e-4 * 10**2 / 4
-    for tolerance, added in ((1.01 * off, 0), (0.99 * off, 4), (0.24 * off, 12)):
-        assert refinement.refined(s, propagate(s), propagate, tolerance).added == added
-
-
-@pytest.mark.parametrize("start", [0, 40])
-def test_far_below_the_limit_a_step_may_bend_by_a_quarter_of_the_distance(tmp_path, start):
-    s, bend = far(tmp_path), 1e-4 * 10**2 / 4
-    propagate = shaped(lambda t: 1e-4 * (t - start) ** 2)
-    # the last step ends at 0.16, the one before at 0.09
-    for limit, added in ((0.16 + 3.99 * bend, 1), (0.09 + 3.99 * bend, 2), (0.16 + 4.01 * bend, 0)):
-        found = refinement.refined(s, propagate(s), propagate, 0.5 * bend, limit)
-        assert found.added == added
-
-
-@pytest.mark.parametrize(
-    ("rows", "crossing", "more"), [(5, 2498.00005, []), (2, 500.00005, [2.5, 7.5])]
-)
-def test_beside_the_crossing_of_a_limit_no_step_is_halved(tmp_path, rows, crossing, more):
-    """P_D jumps there. Where no step is known to be straight, each is halved once."""
-    s = far(tmp_path, rows)
-    reach = math.dist([400e3, crossing, -9e3], s.radar[:3])
-    radars = tuple(dataclasses.replace(radar, max_range=reach) for radar in s.radars)
-    s = dataclasses.replace(s, radars=radars)
-    propagate = shaped(lambda t: np.where(100 * t < crossing, 0.5, 0.0))
-    found = refinement.refined(s, propagate(s), propagate, 0.001)
-    added = np.delete(found.scenario.time_s, found.rows)
-    both = [crossing / 100] * 2
-    assert added == pytest.approx(sorted([*both, *more]), abs=1e-5)
-
-
-def test_both_steps_at_a_kink_are_halved(tmp_path):
-    s = far(tmp_path, rows=7)
-    propagate = shaped(lambda t: abs(t - 30.0) / 60)
-    # second difference at the kink: 2 / 60 / 10; the estimate of both steps is h²/8 of it
-    estimate = 10**2 / 8 * 2 / 60 / 10
-    found = refinement.refined(s, propagate(s), propagate, 0.6 * estimate)
-    assert found.scenario.time_s.tolist() == [0, 10, 20, 25, 30, 35, 40, 50, 60]
+def band_of(p_d):
+    """A band without a width."""
+    return Band(p_d=p_d, lower=p_d, upper=p_d, error=np.zeros(len(p_d)))
 
 
 def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
@@ -351,8 +294,10 @@ def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
 
     def noise(s):
-        p_d = rng.random(len(s.axis))
-        return Band(p_d=p_d, lower=p_d, upper=p_d, error=np.zeros(len(p_d)))
+        return band_of(rng.random(len(s.axis)))
+
+    def flat(s):
+        return band_of(np.zeros(len(s.axis)))
 
     found = refinement.refined(s, noise(s), noise, 0.001)
     assert not found.resolved
@@ -360,23 +305,12 @@ def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
     words = "P_D is not resolved by 40 poses between the rows: test a shorter part"
     assert refinement.unresolved() == words
     monkeypatch.setattr(refinement, "MAX_POSES", 3)
-    assert refinement.refined(s, shaped(np.zeros_like)(s), shaped(np.zeros_like), 0.001).resolved
+    assert refinement.refined(s, flat(s), flat, 0.001).resolved
     # of more than these the one of the greatest P_D is computed
     monkeypatch.setattr(refinement, "places", lambda s: np.linspace(0, 40, 49))
     found = refinement.refined(s, noise(s), noise, 0.001)
     assert not found.resolved
     assert found.scenario.time_s == pytest.approx([0, 5 / 6, 10, 20, 30, 40])
-
-
-def test_steps_that_turn_the_aspect_or_move_by_a_tenth_are_coarse(tmp_path):
-    """The radar is 400 km away; the aircraft turns by 4.99 and 5.01 degrees."""
-    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg\n"
-    turns = f"{header}0,4e5,0,0,0,0,0\n10,4e5,0,0,0,0,4.99\n20,4e5,0,0,0,0,10\n"
-    assert (refinement.coarseness(past(tmp_path, turns)) > 1).tolist() == [False, True]
-    # by 4.9 km at 50.1 km, and by 4.6 km at 45.5 km
-    moves = "time_s,north_m,east_m,down_m\n0,55e3,0,0\n10,50.1e3,0,0\n20,45.5e3,0,0\n"
-    moving = past(tmp_path, moves, aircraft__rcs=CONSTANT)
-    assert (refinement.coarseness(moving) > 1).tolist() == [False, True]
 
 
 def true_upper(theta_deg):

@@ -49,18 +49,6 @@ def test_the_numbers_of_the_paper():
     assert (p_d.min(), p_d.max()) == pytest.approx((0.2186, 0.9881), abs=5e-5)
 
 
-def test_variance_table_holds_the_chain():
-    table = analyses.variance(load_scenario().at_poses(slice(None, None, 12))).table
-    np.testing.assert_allclose(table["range_m"], np.hypot(500e3, 3e3), rtol=1e-15)
-    snr = 167 * table["rcs_m2"] / (1.380649e-23 * table["range_m"] ** 4)
-    np.testing.assert_allclose(table["snr_db"], 10 * np.log10(snr), rtol=1e-13)
-    for end, sign in (("lower", -1), ("upper", 1)):
-        bound = table["p_d"] + sign * 3 * table["sigma_pd"]
-        np.testing.assert_allclose(table[f"{end}_3sigma"], bound, rtol=1e-12)
-    # nose on, c acts along the nose
-    assert table["rcs_m2"][0] == pytest.approx(np.pi * (0.15 * 0.13 / 0.21) ** 2, rel=1e-4)
-
-
 def test_correlated_sources_are_warned_of():
     result = analyses.budget(load_scenario("configs/covariance.yaml"), method="linear")
     gap = result.table["three_sigma_total"] ** 2 - sum(
