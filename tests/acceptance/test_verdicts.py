@@ -413,14 +413,6 @@ def test_how_small_a_source_must_be_for_the_bound(threshold):
     assert band.upper.max() == pytest.approx(threshold, abs=1e-6)
 
 
-def test_no_accuracy_is_enough_where_p_d_is_above_at_one_pose():
-    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 45, "step": 45})
-    assert (s.p_d() > 0.5).tolist() == [False, True]
-    found = required_accuracies(s, 0.5, k=3.0, method="linear")
-    assert {a.residual_from for a in found.values()} == {"P_D itself"}
-    assert {a.place for a in found.values()} == {s.axis.values[1]}
-
-
 @pytest.mark.parametrize("method", ["linear", "form"])
 def test_a_bound_without_a_value_is_not_known_to_hold(method):
     """Straight above the radar, where draws alone have a bound: they say that the test holds."""

@@ -121,29 +121,6 @@ def test_a_small_contribution_has_one_digit_in_the_report():
     assert ["aircraft_position", "2e-05", "0.0%"] in rows
 
 
-@pytest.mark.parametrize(("width", "factor"), [(1.0, 10 - np.sqrt(2 * np.log(2))), (1e-3, 10.0)])
-def test_required_accuracies_where_the_value_of_another_pose_falls_again(
-    width, factor, monkeypatch
-):
-    """The search follows the poses beyond the limit at a larger factor, and looks at the others."""
-    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 90})
-
-    def value_function(scenario, method, k=None):
-        grows = scenario.axis.values == 0
-
-        def value(names, factor):
-            bump = 2.0 * np.exp(-0.5 * ((factor - 10) / width) ** 2)
-            return np.where(grows, factor / 10, bump if names == ("radar_position",) else 0.0)
-
-        return value
-
-    monkeypatch.setattr(module, "value_function", value_function)
-    found = required_accuracies(s, 1.0)
-    assert found["radar_position"].factor == pytest.approx(factor, rel=2e-4)
-    assert found["aircraft_position"].factor == pytest.approx(10.0, rel=1e-6)
-    assert found["aircraft_position"].known
-
-
 @pytest.mark.parametrize("rounding", [-4.5e-16, 4.5e-16])
 @pytest.mark.parametrize("limit", [0.25, 1.0, np.nextafter(4.0, 0.0)])
 def test_required_accuracies_where_a_limit_is_a_value(limit, rounding, monkeypatch):

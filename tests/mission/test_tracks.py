@@ -6,11 +6,12 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from scipy.linalg import sqrtm
 from scipy.special import ndtr
 from scipy.stats import binom, multivariate_normal
 
 from radar_sense import limits
-from radar_sense.covariance import draws
+from radar_sense.covariance import draws, symmetric_square_root
 from radar_sense.mission import tracks
 from radar_sense.mission.schedule import Schedule
 from radar_sense.montecarlo.gauss_markov import correlate
@@ -104,6 +105,13 @@ def test_no_probability_of_a_track_exceeds_one():
             assert np.diff(found, axis=0).min() >= -1e-15
 
 
+def random_covariance(rng, std):
+    a = rng.normal(size=(len(std), 2 * len(std)))
+    c = a @ a.T
+    scale = np.asarray(std) / np.sqrt(np.diag(c))
+    return c * np.outer(scale, scale)
+
+
 @pytest.mark.parametrize("tau", [0.0, 4.0, np.inf])
 def test_the_mean_over_drawn_poses_is_that_of_correlated_normals(tau):
     """The mean of Π Φ(−x_j) over correlated x is the distribution function of a normal vector."""
@@ -132,3 +140,21 @@ def test_the_mean_over_drawn_poses_is_that_of_correlated_normals(tau):
     exact = multivariate_normal.cdf(np.zeros(2), -aircraft[:2, 0], both[:2, :2])
     assert abs(track[1].mean() - exact) < 4.5 * track[1].std() / math.sqrt(runs)
     assert not track[0].any()
+
+
+def test_draws_of_poses_have_the_covariance_that_was_asked_for():
+    rng = np.random.default_rng(5)
+    time = np.array([0.0, 2.0, 7.0])
+    cov = np.stack([random_covariance(rng, [3, 2, 1, 0.1, 0.2, 0.3]) for _ in time])
+    runs = 20_000
+    normals = rng.standard_normal((3, 6, runs))
+    correlate(normals, time, 4.0)
+    of_each = symmetric_square_root(cov)[:, np.newaxis]
+    states = draws(np.zeros((3, 1, 6)), of_each, np.moveaxis(normals, 1, -1))
+    root = [np.diag(s) @ np.real(sqrtm(c / np.outer(s, s)))
+            for c, s in ((c, np.sqrt(np.diag(c))) for c in cov)]  # fmt: skip
+    for i, j in itertools.product(range(3), repeat=2):
+        expected = math.exp(-abs(time[i] - time[j]) / 4.0) * root[i] @ root[j].T
+        found = states[i].T @ states[j] / runs
+        scale = np.sqrt(np.outer(np.diag(cov[i]), np.diag(cov[j])))
+        assert np.max(abs(found - expected) / scale) < 6 * math.sqrt(2 / runs)

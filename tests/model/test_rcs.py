@@ -119,19 +119,6 @@ def test_p_d_by_the_papers_ellipsoid_is_off_in_a_bank():
     assert worst[30] == pytest.approx(0.100, abs=5e-4)
 
 
-def test_the_exact_ellipsoid_is_smooth_straight_above():
-    """Along a great circle through the zenith, value and gradient go on."""
-    angle = np.deg2rad(90 + np.array([-1e-6, 0, 1e-6]))
-    directed = np.stack([np.cos(angle), 0.3 * np.cos(angle), -np.sin(angle)], axis=-1)
-    sigma, gradient = EXACT.linearize(directed)
-    np.testing.assert_allclose(sigma, sigma[1], rtol=1e-12)
-    np.testing.assert_allclose(gradient, gradient[[1, 1, 1]], atol=1e-6)
-    # Equal axes are a sphere.
-    sigma, gradient = rs.ExactEllipsoidRCS(0.3, 0.3, 0.3).linearize(np.array([1.0, 2.0, 3.0]))
-    assert sigma == pytest.approx(np.pi * 0.09, rel=1e-15)
-    assert np.all(gradient == 0)
-
-
 class Plate:
     """A cross section of one's own."""
 

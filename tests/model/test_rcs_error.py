@@ -12,6 +12,7 @@ from helpers import (
     scenario,
     scenario_of,
     sheet_document,
+    single,
     slopes,
     with_arrays,
     write,
@@ -116,6 +117,28 @@ def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
     std = np.sqrt(np.sum(weights * (p_d - mean) ** 2) / np.sum(weights))
     assert ends.mean[0] == pytest.approx(mean, abs=5e-5)
     assert ends.std[0] == pytest.approx(std, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["linear", "probit", "form"])  # others draw the two apart
+@pytest.mark.parametrize("limits", [{}, {"max_range": 220.3e3}])
+@pytest.mark.all_draws
+def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
+    """A loss with a tolerance of 1.5 dB gives c_r the distribution that σ_r has with rcs_db."""
+    of_loss = rs.parse_scenario(yaml_text(sheet_document(tolerances={"loss_db": 1.5})))
+    content = sheet_document(tolerances={"loss_db": 0})
+    content["uncertainty"]["aircraft"]["rcs_db"] = 1.5
+    of_rcs = rs.parse_scenario(yaml_text(content))
+    limited = NetworkModel((Radar(single(of_rcs), **limits),))
+    pair = [with_arrays(s, model=limited) for s in (of_loss, of_rcs)]
+    one, other = (propagate_scenario(s, method=method) for s in pair)
+    for field in ("p_d", "mean", "std", "lower", "upper"):
+        assert_allclose(getattr(one, field), getattr(other, field), rtol=1e-5, atol=1e-9)
+    assert one.std.min() > 0.01
+    warned = [
+        unreliable_in_scenario(s, m, method=method) for s, m in zip(pair, (one, other), strict=True)
+    ]
+    assert_array_equal(*warned)
+    assert warned[0].any() or not limits
 
 
 def test_a_limit_matters_where_the_error_makes_the_radar_see():

@@ -9,10 +9,9 @@ from scipy.special import erfc, ndtr
 
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
-from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
+from radar_sense.model.rcs import EllipsoidRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import distribution, propagate_scenario
@@ -120,18 +119,6 @@ def test_fused_p_d_of_a_constant_below_zero_falls_by_less_than_the_noise():
     )
     assert_allclose((ahead - behind) / 2e-4, by_radar[2, 3], rtol=1e-4)
     assert np.all(np.isfinite(by_aircraft))
-
-
-@pytest.mark.parametrize("detector", [North, Marcum, Swerling1, Swerling3])
-def test_no_signal_anywhere_is_the_floor(detector):
-    models = [DetectionModel(ConstantRCS(1.0), p_fa, detector()) for p_fa in (1e-3, 1e-5)]
-    net = NetworkModel(tuple(Radar(m, f"r{i}") for i, m in enumerate(models)))
-    radar = np.zeros(8)
-    z, _, _ = net.linearize_probit(PAPER.aircraft[:2], radar)
-    assert_allclose(net.floor(np.ones((2, 2), dtype=bool)), z, rtol=1e-14)
-    noise = [m.p_d(PAPER.aircraft[0], np.zeros(4)) for m in models]
-    by_itself = net.floor(np.array([[True, False], [False, True]]))
-    assert_allclose(ndtr(by_itself), noise, rtol=1e-13)
 
 
 def test_p_d_is_surely_above_a_limit_below_the_floor():
