@@ -376,7 +376,7 @@ def _run(
         stem = f"{selected.name}_{analysis.name}"
         paths = [out / f"{stem}.{ending}" for ending in (*analysis.endings, *formats)]
         _require_writable(out, paths, _inputs(config, scenario))
-    with _computing(analysis, workers, dask, quiet) as computing:
+    with _computing(analysis, workers, dask, quiet) as computing, _options_as_typed(analysis):
         result = analysis(scenario, **chosen, **computing)
     written: list[Path] = []
     failure = None
@@ -400,6 +400,18 @@ def _run(
         raise failure
     if not result.passed:
         raise click.exceptions.Exit(ANSWER_IS_NO)
+
+
+@contextmanager
+def _options_as_typed(analysis: Command) -> Iterator[None]:
+    """Name options in errors as on the command line: --p-d for 'p_d'."""
+    names = "|".join(option.name for option in analysis.options if not option.positional)
+    try:
+        yield
+    except InputError as error:  # 'p_d' behind "got" is a value
+        option = re.compile(f"(?<!got )'({names})'")
+        text = option.sub(lambda name: f"--{name[1].replace('_', '-')}", str(error))
+        raise InputError(text) from error
 
 
 def _require_writable(out: Path, paths: list[Path], inputs: list[Path]) -> None:

@@ -67,7 +67,7 @@ def detectors(
         return margin(scenario, p_d, pulses, INTEGRATING, 3.0 if k is None else k)
     for name, value in (("pulses", pulses), ("k", k)):
         if value is not None:
-            raise InputError(f"{name} needs p_d")
+            raise InputError(f"'{name}' needs 'p_d'")
     result = Result(scenario)
     p_fas = sorted({*P_FAS, *(model.p_fa for model in scenario.model.models)}, reverse=True)
     ratios = 10.0 ** (SNR_DB / 10.0)

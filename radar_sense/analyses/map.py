@@ -114,13 +114,13 @@ def coverage_map(
     # draws would take too long in every cell: they check some of the cells
     method = "form" if scenario.method == AUTOMATIC else scenario.method
     if worst_heading and upper:
-        raise InputError("worst_heading and upper exclude each other; give one of them")
+        raise InputError("'worst_heading' and 'upper' exclude each other; give one of them")
     if worst_heading and course_deg is not None:
-        raise InputError("worst_heading and course_deg exclude each other; give one of them")
+        raise InputError("'worst_heading' and 'course_deg' exclude each other; give one of them")
     if k is not None and not upper:
-        raise InputError("k is for the upper bound: it needs upper")
+        raise InputError("'k' needs 'upper'")
     if not len(p_d):
-        raise InputError("p_d: give the P_D of one contour line or more")
+        raise InputError("'p_d' must have the P_D of one contour line or more")
     k, contours, result = k or 3.0, sorted(set(p_d)), Result(scenario, method)
     add, column = result.table.add, f"upper_{k:.12g}sigma" if upper else "p_d"
 

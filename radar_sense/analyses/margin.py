@@ -96,12 +96,12 @@ def margin(
             radar cannot integrate.
     """
     if len(scenario.model.radars) > 1:
-        raise InputError(f"p_d needs one radar: {words.listed(scenario.model.names, 'or')}")
+        raise InputError(f"'p_d' needs one radar: {words.listed(scenario.model.names, 'or')}")
     (radar,), axis, result = scenario.model.radars, scenario.axis, Result(scenario, scenario.method)
     p_fa, detector = radar.model.p_fa, _integrating(radar, pulses)
     least = max(p_fa, float(detector.p_d(np.zeros(()), p_fa)))
     if not p_d > (1.0 + 1e-9) * least:
-        raise InputError(f"p_d must be above {least:.4g}, P_D without a signal; got {p_d:g}")
+        raise InputError(f"'p_d' must be above {least:.4g}, P_D without a signal; got {p_d:g}")
 
     def needed_db(detector: Detector) -> float:
         return 10.0 * math.log10(required_snr(detector, p_fa, p_d))
@@ -176,9 +176,9 @@ def _integrating(radar: Radar, pulses: int | None) -> Detector:
     if isinstance(detector, North):
         detector = Marcum()  # which North approximates for a single pulse
     if not isinstance(detector, PulseDetector):
-        raise InputError(f"pulses needs a detector that integrates, got {detector!r}")
+        raise InputError(f"'pulses' needs a detector that integrates, got {detector!r}")
     if pulses > 1 and radar.sheet and radar.sheet.kind == "surveillance":
-        raise InputError(f"pulses must be 1 with surveillance, a pulse a scan; got {pulses}")
+        raise InputError(f"'pulses' must be 1 with surveillance, a pulse a scan; got {pulses}")
     return dataclasses.replace(detector, pulses=pulses)
 
 

@@ -202,9 +202,9 @@ def mission(
 def _window(track: Sequence[int] | None, m: int | None, n: int | None) -> tuple[int, int] | None:
     """Return m and n of a track, given together or one by one."""
     if (m is None) != (n is None):
-        raise InputError("m and n belong together, such as m 3 and n 5")
+        raise InputError("'m' and 'n' belong together, such as 3 and 5")
     if m is not None and track is not None:
-        raise InputError("give either track or m and n")
+        raise InputError("give either 'track' or 'm' and 'n'")
     if m is not None and n is not None:
         track = m, n
     if track is None:

@@ -98,7 +98,7 @@ def detection_range(
     method = scenario.method
     no_draws(method)
     if by == ASPECT and course_deg is not None:
-        raise InputError("by aspect turns the aircraft, course_deg does not; use one of them")
+        raise InputError("'by' aspect turns the aircraft, 'course_deg' does not; use one of them")
     values = list(p_d)
     _check_values(scenario, values)
     result = Result(scenario, method)
@@ -206,11 +206,11 @@ def _check_values(scenario: Scenario, values: Sequence[float]) -> None:
     for value in values:
         if not (1.0 + 1e-9) * floor < value < 1:
             raise InputError(
-                f"p_d must be above {floor:.4g}, P_D without a signal, and less than 1; "
+                f"'p_d' must be above {floor:.4g}, P_D without a signal, and less than 1; "
                 f"got {value:g}"
             )
     if len({f"{value:g}" for value in values}) < len(values) or not values:
-        raise InputError("p_d must have one value or more, each once")
+        raise InputError("'p_d' must have one value or more, each once")
 
 
 def _summary(at: RangeAt) -> dict[str, Any]:

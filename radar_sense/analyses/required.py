@@ -40,15 +40,15 @@ def check_options(
 ) -> None:
     """Raise InputError if options do not go together."""
     if target is not None and threshold is not None:
-        raise InputError("target and threshold exclude each other; give one of them")
+        raise InputError("'target' and 'threshold' exclude each other; give one of them")
     if target is None and threshold is None and at is not None:
-        raise InputError("at needs target or threshold")
+        raise InputError("'at' needs 'target' or 'threshold'")
     if threshold is None and k is not None:
-        raise InputError("k needs threshold")
+        raise InputError("'k' needs 'threshold'")
     if method == MONTE_CARLO and (target, threshold) != (None, None):
         name = "target" if threshold is None else "threshold"
         others = ", ".join(m for m in METHODS if m != MONTE_CARLO)
-        raise InputError(f"{name} needs one of the methods {others}")
+        raise InputError(f"'{name}' needs one of the methods {others}")
 
 
 def add_required_accuracy(
@@ -70,7 +70,7 @@ def add_required_accuracy(
     propagate = partial(band_of_scenario, method=method, beta=sigmas or 3.0)
     poses = refinement.resolve(chosen, propagate, limit)
     if not poses.resolved:
-        raise InputError(f"{refinement.unresolved()}, or one pose with at")
+        raise InputError(f"{refinement.unresolved()}, or one pose with 'at'")
     axis = poses.scenario.axis
     required = required_accuracies(poses.scenario, limit, k=sigmas, method=method)
 

@@ -47,9 +47,9 @@ def sigmas(threshold: float | None, k: float | None, probability: float | None) 
     if probability is None:
         return k
     if threshold is None:
-        raise InputError("probability needs threshold")
+        raise InputError("'probability' needs 'threshold'")
     if k is not None:
-        raise InputError("k and probability exclude each other; give one of them")
+        raise InputError("'k' and 'probability' exclude each other; give one of them")
     return -float(ndtri(probability))
 
 

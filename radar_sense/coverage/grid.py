@@ -131,7 +131,7 @@ def grid(
             continue
         if not side[0] < side[1]:
             raise InputError(
-                f"{name}_km must go from a lesser to a greater number of km, "
+                f"'{name}_km' must go from a lesser to a greater number of km, "
                 f"got {side[0]:g} to {side[1]:g}"
             )
         ends.append((side[0] * 1e3, side[1] * 1e3))

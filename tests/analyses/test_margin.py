@@ -385,7 +385,7 @@ def test_a_detector_of_ones_own():
     s = with_arrays(scenario(geometry__azimuth_deg=ONE_POSE), model=model)
     after = rs.analyses.detectors(s, p_d=0.9).summary["needed_db_after"]
     assert list(after.values())[-1] == pytest.approx(db((0.9 - 1.7e-4) / 0.1))
-    with pytest.raises(InputError, match="pulses needs a detector that integrates, got <"):
+    with pytest.raises(InputError, match="'pulses' needs a detector that integrates, got <"):
         rs.analyses.detectors(s, p_d=0.9, pulses=4)
 
 

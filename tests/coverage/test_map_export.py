@@ -229,5 +229,5 @@ def test_a_pose_over_the_radar_has_no_bound_and_its_neighbours_have(
 
 
 def test_a_map_without_contours_is_refused():
-    with pytest.raises(InputError, match="p_d: give the P_D of one contour line or more"):
+    with pytest.raises(InputError, match="'p_d' must have the P_D of one contour line or more"):
         coverage_map(rs.load_scenario(), p_d=[], **AREA)
