@@ -247,7 +247,9 @@ class Path(Geometry):
             # the attitude is interpolated, and not derived from the track again
             each = self.covariance if own else None
             return Route(self.time_s, self.aircraft, each, True, self.origin)
-        return self.flight if own else dataclasses.replace(self.flight, covariance=None)
+        if own or self.flight.covariance is None:
+            return self.flight
+        return dataclasses.replace(self.flight, covariance=None)
 
     @cached_property
     def whole(self) -> Path:

@@ -180,9 +180,9 @@ def _names(scenario: Scenario) -> list[str]:
 
 
 def _range(scenario: Scenario) -> Iterator[str]:
-    """Yield a warning if no pose is within the horizon of an aircraft so high.
+    """Yield a warning of radars, and of an origin, that see no pose above their horizon.
 
-    The horizon is that of the origin of latitude and longitude, or of a radar.
+    The aircraft is taken to be at its height or at `MAX_HEIGHT`, whichever is higher.
     """
     highest = np.maximum(-scenario.aircraft[:, DOWN].min(), MAX_HEIGHT)
     beyond = horizon_range(np.zeros(()), highest)

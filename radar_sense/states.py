@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -129,7 +130,14 @@ def read_only(name: str, values: ArrayLike) -> FloatArray:
 
 
 class ReadOnly:
-    """A class whose arrays are read-only again after they were pickled."""
+    """A class that is pickled without cached properties, and whose arrays stay read-only."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if not isinstance(getattr(type(self), name, None), cached_property)
+        }
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         vars(self).update(state)

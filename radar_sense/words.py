@@ -470,7 +470,7 @@ def method_warnings(scenario: Scenario, moments: Moments, method: str, k: float)
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     """Return one line "a, b and c: text" for all labels with a warning of one name.
 
-    Where the texts differ, the text is that of the first label: "a: text; also b and c".
+    Where the texts differ, the text is that of the first label: "a, and b and c elsewhere: text".
     """
     by_name: dict[str, dict[str, str]] = {}
     for label, text in labelled:
@@ -481,8 +481,7 @@ def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
         if len(labels) > NAMED:
             labels[NAMED - 1 :] = [f"{len(labels) - NAMED + 1} more"]
         if len(set(texts.values())) > 1:
-            body, name = text.removesuffix("]").rsplit(" [", 1)
-            lines.append(f"{labels[0]}: {body}; also {listed(labels[1:])} [{name}]")
+            lines.append(f"{labels[0]}, and {listed(labels[1:])} elsewhere: {text}")
         else:
             lines.append(f"{listed(labels)}: {text}")
     return tuple(lines)

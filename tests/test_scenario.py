@@ -221,3 +221,12 @@ def test_the_embedded_scenario_is_the_one_in_configs():
     file = CONFIGS / "paper.yaml"
     assert not file.is_symlink()
     assert file.read_bytes() == (ROOT / "radar_sense/paper.yaml").read_bytes()
+
+
+def test_a_flight_is_pickled_without_its_spline():
+    s = rs.load_scenario(CONFIGS / "corridor.yaml")
+    before = pickle.dumps(s.geometry)
+    between = s.geometry.at(s.geometry.coordinate[:2] + 1.0)
+    assert pickle.dumps(s.geometry) == before
+    again = pickle.loads(before).at(s.geometry.coordinate[:2] + 1.0)
+    np.testing.assert_array_equal(again.aircraft, between.aircraft)

@@ -58,8 +58,22 @@ AROUND = "around radars and path"
     Option("upper", "Show the upper bound in place of P_D.", flag=True),
     replace(K, help="Number of sigma of --upper."),
     replace(METHOD, help=f"For --upper. {METHOD.help} automatic is form, checked in some cells."),
-    Option("north_km", "South and north end.", MAP_KM, "KM", count=2, default_text=AROUND),
-    Option("east_km", "West and east end.", MAP_KM, "KM", count=2, default_text=AROUND),
+    Option(
+        "north_km",
+        "South and north end, reached or passed.",
+        MAP_KM,
+        "KM",
+        count=2,
+        default_text=AROUND,
+    ),
+    Option(
+        "east_km",
+        "West and east end, reached or passed.",
+        MAP_KM,
+        "KM",
+        count=2,
+        default_text=AROUND,
+    ),
     Option(
         "step_km", "Distance of cells.", MAP_STEP_KM, "KM", default_text="1/500 of the longer side"
     ),
@@ -336,6 +350,10 @@ def _pose_in_words(summary: Mapping[str, Any]) -> str:
     # on the earth the level plane of the cell has another roll, pitch and yaw, with rounding
     digits = zip(summary["attitude_deg"], (1, 1, 9), strict=True)
     roll, pitch, yaw = (round(angle, decimals) + 0.0 for angle, decimals in digits)
-    heading = "worst heading" if summary["worst_heading"] else f"heading {yaw % 360:.4g} deg"
+    heading = (
+        "worst heading"
+        if summary["worst_heading"]
+        else f"heading {round(yaw % 360, 2) % 360:.4g} deg"
+    )
     tilt = f", roll {roll:.1f} deg, pitch {pitch:.1f} deg" if roll or pitch else ""
     return f"{0.0 - summary['down_km']:.4g} km above the origin, {heading}{tilt}"

@@ -244,12 +244,12 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
         first += f"every {axis.name}"
     else:
         first += f"{axis.at(least)} to {_km(at.slant[greatest])} at {axis.at(greatest)}"
-    width = np.where(at.endless, np.nan, at.upper - at.lower)
+    width = at.upper - at.lower
     if not np.isfinite(width).any():
         return [first]
     widest = int(np.argmax(reached(width)))
     if width[widest] <= ROUNDING * at.slant[widest]:
-        return [first, "the band has no width"]
+        return [first] if at.endless[widest] else [first, "the band has no width"]
     middle, lower, upper = (_km(x[widest]) for x in (at.slant, at.lower, at.upper))
     band = f"between {lower.removesuffix(' km')} and {upper} ({k:g} sigma)"
     shares = sorted(at.shares.items(), key=lambda item: -item[1])
@@ -261,29 +261,29 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
 
 
 def _km(distance: float) -> str:
-    """Return a distance [m] in km; at the end of the search it is a lower bound."""
-    return f"{'over ' if distance >= END else ''}{distance / 1e3:.4g} km"
+    """Return a distance [m] in words. At the end of the search it is a lower bound."""
+    return f"{distance / 1e3:.4g} km" if distance < END else f"over {FARTHEST / 1e3:g} km"
 
 
 def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     """Describe where there is no range, where a limit comes first, and where P_D rises again."""
     none, limited, edges = at.slant == 0, at.limited, at.reach.edges
-    values = {"sigma": at.std, "the lower bound": at.lower, "the upper bound": at.upper}
+    sigma = np.where(at.endless, 0.0, at.std)  # said below
+    values = {"sigma": sigma, "the lower bound": at.lower, "the upper bound": at.upper}
+    end = f"{FARTHEST / 1e3:g} km, the end of the search"
     masks = {
         "at no range {}; sigma has no value": none & ~none.all(),
         "the limit of the radar comes first {}; sigma has no value": limited,
         **{
-            f"{name} has no value {{}}": np.isnan(value) & ~limited & ~none & ~at.endless
+            f"{name} has no value {{}}": np.isnan(value) & ~limited & ~none
             for name, value in values.items()
         },
         f"passed several times, at up to {edges.max()} ranges, {{}}; the farthest is given": (
             edges > 1
         ),
+        f"still higher at {end}, {{}}; sigma has no value": at.endless,
     }
-    said = [text.format(place) for text, place in places(masks, axis).items()]
-    if at.endless.any():
-        end = f"still higher at {FARTHEST / 1e3:g} km, the end of the search"
-        said.append(f"{end}; sigma has no value")
+    said = (text.format(place) for text, place in places(masks, axis).items())
     return [f"P_D {at.p_d:g}: {text}" for text in said]
 
 
@@ -338,6 +338,9 @@ def _draw(
             panel.set_title(plotting.in_lines(name, letters), fontsize=plotting.points(8))
     for panel in panels.flat[count:]:
         panel.remove()
+    if any(at.endless.any() for of_radar in ranges.values() for at in of_radar):
+        text = f"no line where P_D is still higher at {FARTHEST / 1e3:g} km"
+        plotting.add_small_print(figure, text)
     unit = "slant range in km, " if count > 1 else ""
     drawn = panels.flat[:count]
     most = max(drawn, key=lambda panel: len(panel.get_legend_handles_labels()[1]))

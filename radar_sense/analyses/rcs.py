@@ -19,11 +19,11 @@ from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.words import decibels, describe_poses, table_warnings, warning
 
-#: Largest steps of the table [deg].
+#: Largest step of azimuth, and the step of elevation [deg].
 AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
-#: Least number of azimuths in the finest detail of the RCS: of the table, and of extremes and mean.
-#: Between 16 of them the top of a lobe |sin| is missed by 0.02 dB at most.
-OF_TABLE, OF_EXTREMES = 4, 16
+#: Azimuths in a lobe. Between 8 of them the top of a lobe |sin| is missed by 0.09 dB at most. With
+#: fewer than LEAST a lobe may be missed.
+IN_LOBE, LEAST = 8, 2
 #: Values that differ by a smaller part are equal.
 ROUNDING = 1e-9
 
@@ -46,7 +46,8 @@ def pattern(rcs: RCS, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> Flo
 def rcs(scenario: Scenario) -> Result:
     """The radar cross section by aspect: a polar cut and a map.
 
-    A scenario can use the written table, as `rcs: {model: table, file: ...}`.
+    A scenario can use the written table, as `rcs: {model: table, file: ...}`, if no cross section
+    in it is 0.
 
     Raises:
         InputError: If the radars have several bands with a cross section each.
@@ -58,10 +59,11 @@ def rcs(scenario: Scenario) -> Result:
         )
     result, model = Result(scenario), scenario.radars[0].model.rcs
     spread = getattr(model, "spread", None)
-    table = model.elevation if isinstance(model, TableRCS) else None
-    finest = ELEVATION_STEP if table is None else np.rad2deg(np.min(np.diff(table)))
-    elevation = np.linspace(-90.0, 90.0, 36 * math.ceil(ELEVATION_STEP / finest - 1e-9) + 1)
-    azimuth, fine = (_azimuths(model, least, len(elevation)) for least in (OF_TABLE, OF_EXTREMES))
+    elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
+    lobes = _lobes(model)
+    turns = max(1.0 / AZIMUTH_STEP, IN_LOBE / max(lobes["azimuth"], 1e-9))  # azimuths in a degree
+    most = MAX_NODES // len(elevation) // 360  # of a table
+    azimuth = np.linspace(-180.0, 180.0, 360 * min(math.ceil(turns - 1e-9), most), endpoint=False)
     maps = [
         np.array(pattern(of, azimuth, elevation[:, np.newaxis]))
         for of in (model, spread)
@@ -90,27 +92,30 @@ def rcs(scenario: Scenario) -> Result:
         meaning = "Standard deviation of the cross section, if the RCS table has std_db."
         add("std_db", std_db, meaning, "dB")
 
+    table = model.elevation if isinstance(model, TableRCS) else None
     low, high = (-90.0, 90.0) if table is None else np.rad2deg(table[[0, -1]])
     beyond = abs(elevation - np.clip(elevation, low, high))  # the outermost values again
-    within = elevation[kept & (beyond <= 0.5 * ELEVATION_STEP)]
-    everywhere = np.array(pattern(model, fine, within[:, np.newaxis]))
-    poles = abs(within) == 90.0
-    everywhere[poles, 1:] = np.nan  # straight above and below there is no azimuth
-    for name, extreme in (("largest", np.nanmax), ("smallest", np.nanmin)):
-        value = float(extreme(everywhere))
-        at = np.isclose(everywhere, value, rtol=ROUNDING, atol=0.0)
-        whole = "any elevation" if table is None else "any elevation of the table"
+    within = kept & (beyond <= 0.5 * ELEVATION_STEP)
+    shown, poles = maps[0][within], abs(elevation[within]) == 90.0
+    shown[poles, 1:] = np.nan  # straight above and below there is no azimuth
+    every = "any elevation" if table is None else "any elevation of the table"
+    for name, value in (("largest", np.nanmax(shown)), ("smallest", np.nanmin(shown))):
+        at = np.isclose(shown, value, rtol=ROUNDING, atol=0.0)
         columns, rows = np.any(at, axis=0), np.any(at, axis=1)
-        rows |= poles & np.all(rows[~poles])
-        place = _in_words("azimuth", fine, columns, "any azimuth")
-        place += f", {_in_words('elevation', within, rows, whole)}"
-        shown = decibels(np.array(value)).round(1) + 0.0  # + 0.0 makes -0 a 0
-        result.report.append(f"{name} RCS {shown} dBsm at {place}")
+        if rows[~poles].any():
+            rows |= poles & rows[~poles].all()
+            place = f"at {_in_words('azimuth', azimuth, columns, 'any azimuth')}, "
+            place += _in_words("elevation", elevation[within], rows, every)
+        else:
+            ends = {-90.0: "below", 90.0: "above"}
+            place = f"straight {' and '.join(ends[end] for end in elevation[within][rows])}"
+        # + 0.0 makes -0 a 0
+        result.report.append(f"{name} RCS {decibels(value).round(1) + 0.0} dBsm {place}")
         row, column = np.argwhere(at)[0]
         result.summary[name] = {
-            "rcs_m2": value,
-            "azimuth_deg": float(fine[column]),
-            "elevation_deg": float(within[row]),
+            "rcs_m2": float(value),
+            "azimuth_deg": float(azimuth[column]),
+            "elevation_deg": float(elevation[within][row]),
         }
     low, high = decibels(np.array([seen.min(), seen.max()])).round(1) + 0.0
     extremes = seen_elevation.min(), seen_elevation.max()
@@ -119,21 +124,24 @@ def rcs(scenario: Scenario) -> Result:
         f"RCS in the geometry {low:.1f} to {high:.1f} dBsm, at elevation {at_elevation} deg"
     )
     result.summary |= {
-        "horizon_mean_m2": float(pattern(model, fine, np.zeros(1)).mean()),
+        "horizon_mean_m2": float(pattern(model, azimuth, np.zeros(1)).mean()),
         "geometry": {
             "elevation_deg": [float(seen_elevation.min()), float(seen_elevation.max())],
             "rcs_m2": [float(seen.min()), float(seen.max())],
         },
     }
-    step = 360.0 / len(azimuth)
-    if math.radians(step) > model.detail / 2.0:
-        result.warnings.append(
-            warning(
-                "rcs-fine",
-                f"the RCS has lobes of {math.degrees(model.detail):.2g} deg, and the table has "
-                f"steps of {step:.2g} deg: it misses lobes, and so do the extremes",
-            )
+    if np.allclose(maps[0][1:-1], maps[0][1], rtol=ROUNDING, atol=0.0):
+        lobes["elevation"] = math.inf  # the RCS does not depend on it
+    steps = {"azimuth": 360.0 / len(azimuth), "elevation": ELEVATION_STEP}
+    result.warnings += [
+        warning(
+            "rcs-fine",
+            f"the RCS may have lobes of {lobes[name]:.2g} deg, and the table has steps of "
+            f"{step:.2g} deg in {name}: it may miss lobes, and so may the extremes",
         )
+        for name, step in steps.items()
+        if step > (1.0 + ROUNDING) * lobes[name] / LEAST
+    ]
     result.warnings += table_warnings(scenario)
     result.draw = partial(
         _draw, model=model, seen_azimuth=seen_azimuth, seen_elevation=seen_elevation
@@ -141,13 +149,16 @@ def rcs(scenario: Scenario) -> Result:
     return result
 
 
-def _azimuths(model: RCS, least: int, elevations: int) -> FloatArray:
-    """Return azimuths (n,) [deg] with at least this number of them in a detail of the RCS.
-
-    With the elevations they make no more nodes than a table may have.
-    """
-    count = 360 * math.ceil(max(1.0 / AZIMUTH_STEP, least / math.degrees(model.detail)) - 1e-9)
-    return np.linspace(-180.0, 180.0, min(count, MAX_NODES // elevations), endpoint=False)
+def _lobes(model: RCS) -> dict[str, float]:
+    """Return the width [deg] of the narrowest lobe by azimuth and by elevation."""
+    if not isinstance(model, TableRCS):
+        return dict.fromkeys(("azimuth", "elevation"), math.degrees(model.detail))
+    nodes = {"azimuth": model.azimuth, "elevation": model.elevation}
+    # two steps of nodes make a lobe
+    return {
+        name: math.inf if values is None else 2.0 * math.degrees(np.min(np.diff(values)))
+        for name, values in nodes.items()
+    }
 
 
 def _in_words(name: str, values: FloatArray, mask: NDArray[np.bool_], whole: str) -> str:

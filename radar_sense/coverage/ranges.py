@@ -31,8 +31,8 @@ from radar_sense.propagation.staged import FIRST, FURTHER, MANY, PRECISE
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 
-#: Slant range [m] of the end of the search, but for the height.
-END = 0.999 * FARTHEST
+#: Slant range [m] from which on a range is the end of the search.
+END = INSIDE * FARTHEST
 #: Nodes ±√3 and 0 of the Gauss-Hermite rule of three points, exact for polynomials up to degree 5
 #: (M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions, 1964, 25.4.46).
 NODE = math.sqrt(3.0)

@@ -134,7 +134,10 @@ def test_no_range_and_the_end_of_the_search_are_reported():
     assert column(strong, "range_m_0.9") == pytest.approx(FARTHEST, rel=1e-3)
     assert strong.report[1:] == (
         "  P_D 0.9: over 5000 km at every bearing",
-        "  P_D 0.9: still higher at 5000 km, the end of the search; sigma has no value",
+        "  P_D 0.9: the lower bound has no value at all 4 bearings",
+        "  P_D 0.9: the upper bound has no value at all 4 bearings",
+        "  P_D 0.9: still higher at 5000 km, the end of the search, at all 4 bearings; "
+        "sigma has no value",
     )
     assert not column(strong, "limited_0.9").any()  # the radar has no limit
 
