@@ -339,7 +339,8 @@ def _add_differences(
     """Add the largest differences from plain draws, and the draws at the end."""
     axis, differences = result.scenario.axis, {}
     runs, seed = result.scenario.runs, result.scenario.seed
-    result.report.append(f"largest difference from {runs} plain runs (seed {seed}):")
+    drawn = f"{runs} plain runs (seed {seed})"
+    result.report.append(f"largest difference from {drawn}, with their noise:")
     for name, (event, found) in zip(names, network.events.items(), strict=True):
         draws = network.drawn[event]
         lower, upper = abs(found.lower - draws.lower), abs(found.upper - draws.upper)

@@ -223,7 +223,7 @@ def test_report(tool):
     half = summary["detection"]["reaches"]["0.5"]["time_s"]
     assert half is not None
     assert f"  reaches 0.5 at {half:.13g} s, between " in out
-    assert "largest difference from 100 plain runs (seed 13):" in out
+    assert "largest difference from 100 plain runs (seed 13), with their noise:" in out
     tool("mission", write(Path(), radar__constant=0.01), "--no-plot")
     assert "never reaches 0.5, nor does its upper bound" in tool("mission", "my.yaml").out
     assert "the same at every look" in tool(
