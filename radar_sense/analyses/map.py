@@ -165,13 +165,14 @@ def coverage_map(
         add("worst_heading_deg", found["worst_heading_deg"], meaning, "°")
     if upper:
         add(column, shown, f"With --upper: upper {k:g}-sigma bound of P_D in each cell.")
-    cell_km2 = np.diff(cells.north)[0] * np.diff(cells.east)[0] / 1e6 * np.ones(cells.shape)
+    area = np.diff(cells.north)[0] * np.diff(cells.east)[0] / 1e6
+    cell_km2 = np.broadcast_to(area, cells.shape)
     if scenario.origin is not None:
         places = _places(cells, scenario.origin)
         for name, degrees in places.items():
             meaning = f"With an origin: WGS-84 {name} of each cell (rows, columns)."
             add(f"{name}_deg", degrees, meaning, "°")
-        cell_km2 /= _cos_tilt(places, scenario.origin)
+        cell_km2 = cell_km2 / _cos_tilt(places, scenario.origin)
 
     area_km2 = float(np.sum(cell_km2))
     areas = {f"{level:g}": float(np.sum(cell_km2[~(shown < level)])) for level in contours}
