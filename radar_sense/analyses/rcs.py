@@ -92,31 +92,12 @@ def rcs(scenario: Scenario) -> Result:
         meaning = "Standard deviation of the cross section, if the RCS table has std_db."
         add("std_db", std_db, meaning, "dB")
 
-    table = model.elevation if isinstance(model, TableRCS) else None
-    low, high = (-90.0, 90.0) if table is None else np.rad2deg(table[[0, -1]])
+    ends = model.elevation if isinstance(model, TableRCS) else None
+    low, high = (-90.0, 90.0) if ends is None else np.rad2deg(ends[[0, -1]])
     beyond = abs(elevation - np.clip(elevation, low, high))  # the outermost values again
     within = kept & (beyond <= 0.5 * ELEVATION_STEP)
-    shown, poles = maps[0][within], abs(elevation[within]) == 90.0
-    shown[poles, 1:] = np.nan  # straight above and below there is no azimuth
-    every = "any elevation" if table is None else "any elevation of the table"
-    for name, value in (("largest", np.nanmax(shown)), ("smallest", np.nanmin(shown))):
-        at = np.isclose(shown, value, rtol=ROUNDING, atol=0.0)
-        columns, rows = np.any(at, axis=0), np.any(at, axis=1)
-        if rows[~poles].any():
-            rows |= poles & rows[~poles].all()
-            place = f"at {_in_words('azimuth', azimuth, columns, 'any azimuth')}, "
-            place += _in_words("elevation", elevation[within], rows, every)
-        else:
-            ends = {-90.0: "below", 90.0: "above"}
-            place = f"straight {' and '.join(ends[end] for end in elevation[within][rows])}"
-        # + 0.0 makes -0 a 0
-        result.report.append(f"{name} RCS {decibels(value).round(1) + 0.0} dBsm {place}")
-        row, column = np.argwhere(at)[0]
-        result.summary[name] = {
-            "rcs_m2": float(value),
-            "azimuth_deg": float(azimuth[column]),
-            "elevation_deg": float(elevation[within][row]),
-        }
+    every = "any elevation" if ends is None else "any elevation of the table"
+    _add_extremes(result, azimuth, elevation[within], maps[0][within], every)
     low, high = decibels(np.array([seen.min(), seen.max()])).round(1) + 0.0
     extremes = seen_elevation.min(), seen_elevation.max()
     at_elevation = " to ".join(dict.fromkeys(f"{end.round(1) + 0.0}" for end in extremes))
@@ -159,6 +140,35 @@ def _lobes(model: RCS) -> dict[str, float]:
         name: math.inf if values is None else 2.0 * math.degrees(np.min(np.diff(values)))
         for name, values in nodes.items()
     }
+
+
+def _add_extremes(
+    result: Result, azimuth: FloatArray, elevation: FloatArray, sigma: FloatArray, every: str
+) -> None:
+    """Add the largest and the smallest σ_r (m, n) [m²] by elevation (m,) and azimuth (n,) [deg].
+
+    `every` is what all elevations together are called.
+    """
+    poles = abs(elevation) == 90.0
+    sigma[poles, 1:] = np.nan  # straight above and below there is no azimuth
+    for name, value in (("largest", np.nanmax(sigma)), ("smallest", np.nanmin(sigma))):
+        at = np.isclose(sigma, value, rtol=ROUNDING, atol=0.0)
+        columns, rows = np.any(at, axis=0), np.any(at, axis=1)
+        if rows[~poles].any():
+            rows |= poles & rows[~poles].all()
+            place = f"at {_in_words('azimuth', azimuth, columns, 'any azimuth')}, "
+            place += _in_words("elevation", elevation, rows, every)
+        else:
+            ways = ("above" if end > 0 else "below" for end in elevation[rows])
+            place = f"straight {' and '.join(ways)}"
+        shown = decibels(np.array(value)).round(1) + 0.0  # + 0.0 makes -0 a 0
+        result.report.append(f"{name} RCS {shown} dBsm {place}")
+        row, column = np.argwhere(at)[0]
+        result.summary[name] = {
+            "rcs_m2": float(value),
+            "azimuth_deg": float(azimuth[column]),
+            "elevation_deg": float(elevation[row]),
+        }
 
 
 def _in_words(name: str, values: FloatArray, mask: NDArray[np.bool_], whole: str) -> str:
