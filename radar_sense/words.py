@@ -257,6 +257,11 @@ def probability(value: float) -> str:
     return f"{value:.4f}" if abs(value) >= SHOWN else f"{value:.0e}"
 
 
+def heading(yaw_deg: float) -> str:
+    """Return a yaw [deg] as a heading from 0 to below 360 deg, in four digits."""
+    return f"heading {float(f'{yaw_deg % 360:.4g}') % 360:g} deg"
+
+
 def describe_detector(detector: Detector) -> str:
     """Return a detector in words."""
     names = [name for name, cls in DETECTORS.items() if type(detector) is cls]
@@ -470,7 +475,7 @@ def method_warnings(scenario: Scenario, moments: Moments, method: str, k: float)
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     """Return one line "a, b and c: text" for all labels with a warning of one name.
 
-    Where the texts differ, the text is that of the first label: "a, and b and c elsewhere: text".
+    Where the texts differ, the line is "a, and b and c elsewhere: text", with the text of a.
     """
     by_name: dict[str, dict[str, str]] = {}
     for label, text in labelled:

@@ -9,6 +9,7 @@ from helpers import CONFIGS
 
 import radar_sense as rs
 from radar_sense.errors import describe
+from radar_sense.propagation import METHODS
 
 PAPER = rs.load_scenario()
 (RADAR,) = PAPER.radars
@@ -218,7 +219,7 @@ def test_a_scenario_has_more_errors_than_its_covariances():
     assert np.all(fewer.std < moments.std)
 
 
-@pytest.mark.parametrize("method", ["linear", "probit", "form", "montecarlo", "automatic"])
+@pytest.mark.parametrize("method", METHODS)
 def test_nothing_has_a_value_where_aircraft_and_radar_coincide(method):
     certain = {"cov_aircraft": np.zeros((6, 6)), "cov_radar": np.zeros((4, 4))}
     at = {"aircraft": np.zeros((1, 6)), "radar": np.array([0.0, 0, 0, 100])}

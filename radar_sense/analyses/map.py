@@ -34,7 +34,7 @@ from radar_sense.coverage.grid import (
 )
 from radar_sense.errors import InputError
 from radar_sense.limits import FORMATS, MAP_KM, MAP_STEP_KM, PROBABILITY
-from radar_sense.model.geodesy import geodetic_from_ned
+from radar_sense.model.geodesy import geodetic_from_ned, turn_to_origin
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.plausibility import below_ground
@@ -42,7 +42,7 @@ from radar_sense.propagation import AUTOMATIC, band_of_scenario, no_draws
 from radar_sense.propagation.automatic import ERRORS, LEAST_CHANGE, tolerance_of
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, POSITION, FloatArray, blocks
-from radar_sense.words import placed, probability, warning
+from radar_sense.words import heading, placed, probability, warning
 
 #: Levels of P_D with contour lines, and with areas in the report.
 LEVELS = (0.1, 0.5, 0.9)
@@ -168,11 +168,11 @@ def coverage_map(
     area = np.diff(cells.north)[0] * np.diff(cells.east)[0] / 1e6
     cell_km2 = np.broadcast_to(area, cells.shape)
     if scenario.origin is not None:
-        places = _places(cells, scenario.origin)
+        places, cos_tilt = _on_earth(cells, scenario.origin)
         for name, degrees in places.items():
             meaning = f"With an origin: WGS-84 {name} of each cell (rows, columns)."
             add(f"{name}_deg", degrees, meaning, "°")
-        cell_km2 = cell_km2 / _cos_tilt(places, scenario.origin)
+        cell_km2 = cell_km2 / cos_tilt
 
     area_km2 = float(np.sum(cell_km2))
     areas = {f"{level:g}": float(np.sum(cell_km2[~(shown < level)])) for level in contours}
@@ -212,20 +212,19 @@ def coverage_map(
     return result
 
 
-def _places(cells: Grid, origin: tuple[float, float, float]) -> dict[str, FloatArray]:
-    """Return latitude and longitude (rows, columns) [deg] of the cells."""
-    places = np.empty((*cells.shape, 2))
+def _on_earth(
+    cells: Grid, origin: tuple[float, float, float]
+) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Return latitude and longitude [deg] of the cells, and the cosine of their tilt.
+
+    Each is (rows, columns). The tilt is the angle from level at the origin to level at the cell.
+    """
+    places, cos_tilt = np.empty((*cells.shape, 2)), np.empty(cells.shape)
     for block in blocks(cells.shape):
-        positions = cells.states(*block)[..., POSITION]
-        places[block] = np.rad2deg(geodetic_from_ned(positions, origin)[..., :2])
-    return {"latitude": places[..., 0], "longitude": places[..., 1]}
-
-
-def _cos_tilt(places: Mapping[str, FloatArray], origin: tuple[float, float, float]) -> FloatArray:
-    """Return the cosine of the angle between level at places and level at the origin."""
-    latitude, longitude = map(np.deg2rad, places.values())
-    along = np.cos(latitude) * np.cos(origin[0]) * np.cos(longitude - origin[1])
-    return np.asarray(np.sin(latitude) * np.sin(origin[0]) + along)
+        place = geodetic_from_ned(cells.states(*block)[..., POSITION], origin)
+        places[block] = np.rad2deg(place[..., :2])
+        cos_tilt[block] = turn_to_origin(place, origin)[..., 2, 2]
+    return {"latitude": places[..., 0], "longitude": places[..., 1]}, cos_tilt
 
 
 def _warnings(cells: Grid, shown: Plane, method: str) -> Iterator[str]:
@@ -349,12 +348,8 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
 def _pose_in_words(summary: Mapping[str, Any]) -> str:
     """Describe the height and the heading of the aircraft in the cells."""
     # on the earth the level plane of the cell has another roll, pitch and yaw, with rounding
-    digits = zip(summary["attitude_deg"], (1, 1, 9), strict=True)
-    roll, pitch, yaw = (round(angle, decimals) + 0.0 for angle, decimals in digits)
-    heading = (
-        "worst heading"
-        if summary["worst_heading"]
-        else f"heading {round(yaw % 360, 2) % 360:.4g} deg"
-    )
+    *tilts, yaw = summary["attitude_deg"]
+    roll, pitch = (round(angle, 1) + 0.0 for angle in tilts)
+    course = "worst heading" if summary["worst_heading"] else heading(yaw)
     tilt = f", roll {roll:.1f} deg, pitch {pitch:.1f} deg" if roll or pitch else ""
-    return f"{0.0 - summary['down_km']:.4g} km above the origin, {heading}{tilt}"
+    return f"{0.0 - summary['down_km']:.4g} km above the origin, {course}{tilt}"

@@ -24,15 +24,23 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.cost import foresee
-from radar_sense.coverage.ranges import END, PRECISION, RangeAt, limit_of_radar, range_at
-from radar_sense.coverage.rays import EVALUATIONS, FARTHEST, rays, survey
+from radar_sense.coverage.ranges import PRECISION, RangeAt, limit_of_radar, range_at
+from radar_sense.coverage.rays import END, EVALUATIONS, FARTHEST, rays, survey
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.plausibility import below_ground
 from radar_sense.propagation import AUTOMATIC, no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
-from radar_sense.words import add_axis, band_off, gathered, level_and_method, listed, places
+from radar_sense.words import (
+    add_axis,
+    band_off,
+    gathered,
+    heading,
+    level_and_method,
+    listed,
+    places,
+)
 
 #: Default P_D of the range.
 P_D = 0.5
@@ -135,7 +143,7 @@ def detection_range(
 
     pose = next(iter(surveys.values())).all_rays.pose
     title = f"{0.0 - pose[DOWN] / 1e3:.4g} km above the origin"
-    title += "" if by == ASPECT else f", heading {round(math.degrees(pose[YAW]), 9) % 360:.4g} deg"
+    title += "" if by == ASPECT else f", {heading(math.degrees(pose[YAW]))}"
     chosen = level_and_method(scenario.level, method)
     result.report += [f"slant range of detection by {by}, {title} ({chosen}):"]
     for name, of_radar in ranges.items():
@@ -192,7 +200,7 @@ def _add_sources(table: Table, at: RangeAt, label: str, of: str) -> None:
     for source, std in at.by_source.items():
         meaning = f"{of}Standard deviation from {source} alone, to first order."
         table.add(f"sigma_range_m_{label}_from_{source}", std, meaning, "m")
-    limited, edges = at.limited.astype(float), at.reach.edges.astype(float)
+    limited, edges = at.reach.limited.astype(float), at.reach.edges.astype(float)
     meaning = f"{of}1 where a limit of the radar comes first, else 0."
     table.add(f"limited_{label}", limited, meaning)
     meaning = f"{of}Number of times that P_D passes the value along the ray."
@@ -219,7 +227,7 @@ def _summary(at: RangeAt) -> dict[str, Any]:
         "least_m": float(at.slant.min()),
         "greatest_m": float(at.slant.max()),
         "largest_sigma_m": float(np.nanmax(at.std, initial=0.0)),
-        "limited": int(np.count_nonzero(at.limited)),
+        "limited": int(np.count_nonzero(at.reach.limited)),
         "none": int(np.count_nonzero(at.slant == 0)),
         "no_value": int(np.count_nonzero(np.isnan([at.std, at.lower, at.upper]).any(axis=0))),
         "share": at.shares,
@@ -249,7 +257,7 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
         return [first]
     widest = int(np.argmax(reached(width)))
     if width[widest] <= ROUNDING * at.slant[widest]:
-        return [first] if at.endless[widest] else [first, "the band has no width"]
+        return [first] if at.reach.endless[widest] else [first, "the band has no width"]
     middle, lower, upper = (_km(x[widest]) for x in (at.slant, at.lower, at.upper))
     band = f"between {lower.removesuffix(' km')} and {upper} ({k:g} sigma)"
     shares = sorted(at.shares.items(), key=lambda item: -item[1])
@@ -267,8 +275,8 @@ def _km(distance: float) -> str:
 
 def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     """Describe where there is no range, where a limit comes first, and where P_D rises again."""
-    none, limited, edges = at.slant == 0, at.limited, at.reach.edges
-    sigma = np.where(at.endless, 0.0, at.std)  # said below
+    none, limited, edges = at.slant == 0, at.reach.limited, at.reach.edges
+    sigma = np.where(at.reach.endless, 0.0, at.std)  # said below
     values = {"sigma": sigma, "the lower bound": at.lower, "the upper bound": at.upper}
     end = f"{FARTHEST / 1e3:g} km, the end of the search"
     masks = {
@@ -281,7 +289,7 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
         f"passed several times, at up to {edges.max()} ranges, {{}}; the farthest is given": (
             edges > 1
         ),
-        f"still higher at {end}, {{}}; sigma has no value": at.endless,
+        f"still higher at {end}, {{}}; sigma has no value": at.reach.endless,
     }
     said = (text.format(place) for text, place in places(masks, axis).items())
     return [f"P_D {at.p_d:g}: {text}" for text in said]
@@ -309,7 +317,7 @@ def _draw(
         # of a network the colour is the radar, and the dashes are the P_D in every panel
         own = [(styles[name][0] if name else colour, dashes) for colour, dashes in plotting.LINES]
         for at, (colour, dashes) in zip(of_radar, own, strict=False):
-            known = np.where(at.endless, np.nan, at.slant)
+            known = np.where(at.reach.endless, np.nan, at.slant)
             lower, reach, upper = (
                 _closed(angle, values / 1e3) for values in (at.lower, known, at.upper)
             )
@@ -338,7 +346,7 @@ def _draw(
             panel.set_title(plotting.in_lines(name, letters), fontsize=plotting.points(8))
     for panel in panels.flat[count:]:
         panel.remove()
-    if any(at.endless.any() for of_radar in ranges.values() for at in of_radar):
+    if any(at.reach.endless.any() for of_radar in ranges.values() for at in of_radar):
         text = f"no line where P_D is still higher at {FARTHEST / 1e3:g} km"
         plotting.add_small_print(figure, text)
     unit = "slant range in km, " if count > 1 else ""

@@ -124,11 +124,12 @@ def report(
     if scenario.time_s is None:
         asked = [of_one for of_one in asked if of_one[0] is not mission]
     warnings = plausibility_warnings(scenario)
-    of_sample = {*plausibility_warnings(compared)}  # whose poses are far apart
     sections = [Section("check", "Who looks at whom?", overview(scenario), warnings)]
     for done, (asks, question, poses, options) in enumerate(asked):
         progress.report("questions", done, len(asked))
-        seen = of_sample.union(*(section.warnings for section in sections))
+        seen = {warning for section in sections for warning in section.warnings}
+        if poses is not scenario:  # a sample has its poses far apart
+            seen |= {*plausibility_warnings(poses)}
         try:
             result = asks(poses, **options)
         except InputError as error:

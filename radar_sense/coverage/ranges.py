@@ -31,8 +31,6 @@ from radar_sense.propagation.staged import FIRST, FURTHER, MANY, PRECISE
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 
-#: Slant range [m] from which on a range is the end of the search.
-END = INSIDE * FARTHEST
 #: Nodes ±√3 and 0 of the Gauss-Hermite rule of three points, exact for polynomials up to degree 5
 #: (M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions, 1964, 25.4.46).
 NODE = math.sqrt(3.0)
@@ -74,16 +72,6 @@ class RangeAt:
     unreliable: NDArray[np.bool_]
 
     @property
-    def endless(self) -> NDArray[np.bool_]:
-        """Where (n,) P_D is still as high at the end of the search."""
-        return np.asarray(self.slant >= END)
-
-    @property
-    def limited(self) -> NDArray[np.bool_]:
-        """Where (n,) a limit of the radar comes first."""
-        return self.reach.limited & ~self.endless
-
-    @property
     def shares(self) -> dict[str, float]:
         """Share of each source in the variance of the range, averaged over the angles."""
         variances = {name: std**2 for name, std in self.by_source.items()}
@@ -115,7 +103,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         unreliable = exists & ~np.all(confirmed, axis=0)
     else:
         lower, upper, std, unreliable = _band(seen, value, slant, method, k)
-    defined = exists & ~reach.limited
+    defined = exists & ~reach.limited & ~reach.endless
     by_source = {
         name: np.where(defined, source.std / abs(slope), np.nan)
         for name, source in budget.sources.items()

@@ -38,6 +38,8 @@ EXPANSIONS = (1.1, 1.1, 1.2, 1.5, 2.0, 4.0, 16.0, 256.0, 1e4, 1e6)
 NEAR_ENOUGH, Z_TOLERANCE = 1e-10, 1e-7
 #: Factor on the distance of a limit. The product is within the limit in spite of rounding.
 INSIDE = 1.0 - 1e-9
+#: Distance [m] from which on a range is the end of the search, and not a range.
+END = INSIDE * FARTHEST
 #: |z| of a P_D that is 0 or 1 to rounding.
 LARGEST_PROBIT = 40.0
 #: Rays computed at a time.
@@ -166,6 +168,11 @@ class Reach:
     limited: NDArray[np.bool_]
     edges: NDArray[np.intp]
 
+    @property
+    def endless(self) -> NDArray[np.bool_]:
+        """Where (n,) P_D is still as high at the end of the search."""
+        return np.asarray(self.distance >= END)
+
 
 @dataclass(frozen=True, eq=False)
 class Survey:
@@ -209,7 +216,7 @@ class Survey:
             far = np.where(farther, edge / INSIDE, far)
         # P_D at or above the value beyond the edge means that a limit made the edge.
         beyond = rays.p_d(np.maximum(far, NEAREST)[:, np.newaxis])[:, 0] >= p_d
-        limited = beyond & (distance > 0)
+        limited = beyond & (distance > 0) & (distance < END)
         edges = np.count_nonzero(np.diff(self.p_d >= p_d, axis=1), axis=1)
         return Reach(distance, limited, edges)
 

@@ -21,6 +21,7 @@ from matplotlib.collections import LineCollection
 from scipy.optimize import brentq
 
 import radar_sense as rs
+from radar_sense import words
 from radar_sense.analyses import coverage_map
 from radar_sense.coverage import grid as area
 from radar_sense.model import geodesy as wgs84
@@ -590,3 +591,11 @@ def test_areas_are_on_the_earth(tmp_path):
     assert near["0.5"] > 5000
     for level, expected in near.items():
         assert far[level] == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "shown"),
+    [(-90.0, "270"), (359.98, "0"), (-1e-15, "0"), (12.345, "12.35"), (90.0, "90")],
+)
+def test_a_heading_is_below_a_full_turn(yaw, shown):
+    assert words.heading(yaw) == f"heading {shown} deg"
