@@ -7,7 +7,7 @@ standard deviations from a limit or far from the lobe, and P_D stays near P_fa.
 """
 
 from dataclasses import dataclass, replace
-from itertools import count, pairwise
+from itertools import count
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -80,9 +80,9 @@ def along(time_s, aircraft, at):
     for i in range(3):
         states[:, i] = np.interp(at, time_s, aircraft[:, i])
     leg = np.clip(np.searchsorted(time_s, at, side="right") - 1, 0, len(time_s) - 2)
-    for i, two in enumerate(pairwise(Rotation.from_euler("ZYX", aircraft[:, :2:-1]))):
-        here = leg == i
-        turning = Slerp(time_s[i : i + 2], Rotation.concatenate(two))
+    for i in np.unique(leg):  # SciPy 1.15, the last for Python 3.10, has no rotations of no times
+        ends, here = slice(i, i + 2), leg == i
+        turning = Slerp(time_s[ends], Rotation.from_euler("ZYX", aircraft[ends, :2:-1]))
         states[here, 3:] = turning(at[here]).as_euler("ZYX")[:, ::-1]
     return states
 
