@@ -180,7 +180,7 @@ class Result:
 
     Attributes:
         scenario: The scenario, with level, method, runs and seed as they were used.
-        method: Method of propagation of the numbers.
+        method: Method of propagation of the numbers; by default the scenario's.
         table: The columns.
         summary: Numbers for the JSON record.
         report: Lines for the terminal, the answer first.
@@ -193,7 +193,7 @@ class Result:
     """
 
     scenario: Scenario
-    method: str = "linear"
+    method: str = ""
     table: Table = field(default_factory=Table)
     summary: dict[str, Any] = field(default_factory=dict)
     report: list[str] = field(default_factory=list)
@@ -203,6 +203,9 @@ class Result:
     exports: Mapping[str, Callable[[Result], bytes]] = field(default_factory=dict)
     analysis: str = "result"
     shown: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.method = self.method or self.scenario.method
 
     @property
     def stem(self) -> str:

@@ -12,6 +12,7 @@ from scipy.special import ndtr
 from radar_sense.axis import Axis, reached, runs_of
 from radar_sense.command import Result, Table
 from radar_sense.covariance import square_root
+from radar_sense.errors import counted
 from radar_sense.model.detectors import CFARS, DETECTORS, Detector, PulseDetector
 from radar_sense.model.geometry import body_vector, elevation_of
 from radar_sense.model.rcs_table import POLE, TableRCS
@@ -392,18 +393,20 @@ def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Spread]]) -> 
     result.report += rows(zip(first, for_each, strict=True))
 
 
-def level_and_method(level: str, method: str) -> str:
-    """Return the level of radar uncertainty, and a method other than the default."""
+def level_and_method(scenario: Scenario) -> str:
+    """Return the level of radar uncertainty, and a method other than linear."""
+    level, method = scenario.level, scenario.method
     return level if method == "linear" else f"{level}, {method}"
 
 
 def validity_warnings(
-    scenario: Scenario, moments: Moments, method: str, remedy: str = REMEDY, k: float = 3.0
+    scenario: Scenario, moments: Moments, k: float = 3.0, remedy: str = REMEDY
 ) -> Iterator[str]:
-    """Yield where the band of a method is off, or not precise, and what to use there."""
+    """Yield where the band of the method is off, or not precise, and what to use there."""
+    axis, method = scenario.axis, scenario.method
     off = unreliable_in_scenario(scenario, moments, method=method, beta=k)
-    outside, axis = ((moments.lower < 0) | (moments.upper > 1)) & ~off, scenario.axis
-    yield from _of_std(axis, moments.std, off, method, remedy)
+    outside = ((moments.lower < 0) | (moments.upper > 1)) & ~off
+    yield from _of_std(scenario, moments.std, off, remedy)
     yield from placed("band-outside", outside, axis, f"the {method} {k:g}-sigma band leaves [0, 1]")
     far = f": a bound by over {BOUND_CHANGE:g} or a tenth of it, or sigma by over {STD_CHANGE:.0%}"
     known = off & np.isfinite(moments.std)
@@ -421,55 +424,37 @@ def band_off(
         yield from placed("band-off", off, axis, f"the {method} band{of} is off", why)
 
 
-def std_warnings(axis: Axis, std: FloatArray, off: NDArray[np.bool_], method: str) -> Iterator[str]:
-    """Yield where σ (n,) by a method is off, or has no value, of analyses that have no bounds."""
-    yield from _of_std(axis, std, off, method, REMEDY)
-    yield from placed(
-        "sigma-off",
-        off & np.isfinite(std),
-        axis,
-        f"sigma by {method} is off",
-        f": by over {STD_CHANGE:.0%}; {REMEDY}",
-    )
+def std_warnings(scenario: Scenario, std: FloatArray, off: NDArray[np.bool_]) -> Iterator[str]:
+    """Yield where σ (n,) by the method is off, or has no value, of analyses that have no bounds."""
+    yield from _of_std(scenario, std, off, REMEDY)
+    why = f": by over {STD_CHANGE:.0%}; {REMEDY}"
+    known, what = off & np.isfinite(std), f"sigma by {scenario.method} is off"
+    yield from placed("sigma-off", known, scenario.axis, what, why)
 
 
-def std_trust(result: Result) -> list[str]:
-    """Return what draws say of σ by the method; nothing where a warning says where it is off."""
-    if result.warnings:
-        return []
-    return [checked(result.method, len(result.scenario.axis), "sigma ")]
+def add_trust(result: Result, what: str = "", by_draws: int = 0) -> None:
+    """Add what draws say of the method, unless a warning says where it is off."""
+    if not result.warnings:
+        result.report.append(checked(result.scenario, what, by_draws))
 
 
-def checked(method: str, count: int, what: str = "") -> str:
-    """Return that draws have checked a method at a number of poses."""
-    poses = "pose" if count == 1 else "poses"
-    return f"method: {method}, {what}checked by draws at {count} {poses}"
+def checked(scenario: Scenario, what: str = "", by_draws: int = 0) -> str:
+    """Return that draws have checked the method, and at how many poses they replace `form`."""
+    poses, method = counted(len(scenario.axis), "pose"), scenario.method
+    instead = f"; draws replace form at {by_draws}" if by_draws and method == AUTOMATIC else ""
+    return f"method: {method}, {what}checked by draws at {poses}{instead}"
 
 
 def _of_std(
-    axis: Axis, std: FloatArray, off: NDArray[np.bool_], method: str, remedy: str
+    scenario: Scenario, std: FloatArray, off: NDArray[np.bool_], remedy: str
 ) -> Iterator[str]:
     """Yield where σ has no value, and where it is implausible."""
-    yield from placed(
-        "no-value",
-        ~np.isfinite(std),
-        axis,
-        f"{method} has no value (not converged, or radar straight above or below the aircraft)",
-        f": {remedy}",
-    )
-    yield from placed(
-        "uncertainty-large",
-        (3 * std > 1) & ~off,
-        axis,
-        "3 sigma of P_D is above 1",
-        ": are the uncertainties in their units?",
-    )
-
-
-def method_warnings(scenario: Scenario, moments: Moments, method: str, k: float) -> Iterator[str]:
-    """Yield all warnings of moments by a method, with bounds at kσ."""
-    yield from validity_warnings(scenario, moments, method, k=k)
-    yield from table_warnings(scenario)
+    why = "not converged, or radar straight above or below the aircraft"
+    none, axis, large = ~np.isfinite(std), scenario.axis, (3 * std > 1) & ~off
+    what = f"{scenario.method} has no value ({why})"
+    yield from placed("no-value", none, axis, what, f": {remedy}")
+    units = ": are the uncertainties in their units?"
+    yield from placed("uncertainty-large", large, axis, "3 sigma of P_D is above 1", units)
 
 
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:

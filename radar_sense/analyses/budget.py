@@ -67,7 +67,7 @@ def budget(
     method = scenario.method
     k = sigmas(threshold, k, probability)
     check_options(method, target, threshold, k, at)
-    axis, result, found = scenario.axis, Result(scenario, method), error_budget(scenario, method)
+    axis, result, found = scenario.axis, Result(scenario), error_budget(scenario, method)
     sources, parts, finer = (kind.values() for kind in (found.sources, found.parts, found.finer))
     total, interaction, pose = found.total, found.interaction, found.pose
     at_pose = float(total.three_sigma[pose])
@@ -96,7 +96,7 @@ def budget(
         result.report += [f"nothing to measure: {known}"]
     elif at_pose > 0:
         result.report += _know_first(scenario, found)
-    chosen = words.level_and_method(scenario.level, method)
+    chosen = words.level_and_method(scenario)
     result.report += [f"3 sigma of P_D ({chosen}) at {axis.at(pose)}, and share of its variance:"]
     ranked, below = (
         sorted(group, key=lambda c: np.nan_to_num(-c.three_sigma[pose], nan=np.inf))
@@ -128,7 +128,7 @@ def budget(
         "dominates": dominates,
         **{name: value for name, value in optional.items() if value},
     }
-    result.warnings += words.std_warnings(axis, total.std, off, method)
+    result.warnings += words.std_warnings(scenario, total.std, off)
     add_required_accuracy(
         result, target=target, threshold=threshold, k=k, probability=probability, at=at
     )
@@ -140,7 +140,7 @@ def budget(
         three_sigma = [c.three_sigma for c in sources]
         result.warnings += words.correlated_sources(three_sigma, total.three_sigma)
     if method != MONTE_CARLO:
-        result.report += words.std_trust(result)
+        words.add_trust(result, "sigma ")
     result.draw = partial(_draw, result=result, found=found)
     return result
 

@@ -97,7 +97,7 @@ def margin(
     """
     if len(scenario.model.radars) > 1:
         raise InputError(f"'p_d' needs one radar: {words.listed(scenario.model.names, 'or')}")
-    (radar,), axis, result = scenario.model.radars, scenario.axis, Result(scenario, scenario.method)
+    (radar,), axis, result = scenario.model.radars, scenario.axis, Result(scenario)
     p_fa, detector = radar.model.p_fa, _integrating(radar, pulses)
     least = max(p_fa, float(detector.p_d(np.zeros(()), p_fa)))
     if not p_d > (1.0 + 1e-9) * least:

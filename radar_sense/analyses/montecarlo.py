@@ -60,7 +60,7 @@ def montecarlo(
     """
     axis, method = scenario.axis, scenario.method
     no_draws(method)
-    result = Result(scenario, method)
+    result = Result(scenario)
     mc = monte_carlo(
         scenario, method=method, k=k, sampler=sampler, workers=workers, executor=executor
     )
@@ -73,7 +73,7 @@ def montecarlo(
     words.add_mean(result.table, mc.band.mean, method)
 
     result.summary |= {"runs": mc.runs, "sampler": mc.sampler}
-    result.warnings += words.validity_warnings(scenario, mc.band, method, words.BY_DRAWS, k)
+    result.warnings += words.validity_warnings(scenario, mc.band, k, words.BY_DRAWS)
     _add_coverage(result, mc)
     result.summary |= {
         "largest_mean_shift": words.peak(abs(mc.mean - mc.band.p_d), axis),

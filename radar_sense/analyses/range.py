@@ -109,7 +109,7 @@ def detection_range(
         raise InputError("'by' aspect turns the aircraft, 'course_deg' does not; use one of them")
     values = list(p_d)
     _check_values(scenario, values)
-    result = Result(scenario, method)
+    result = Result(scenario)
     angle_deg = np.arange(0.0, 360.0 - 1e-9, step_deg)
     axis = Axis(f"{by}_deg", by, "deg", angle_deg, "g", 1e-9, f"{by}s", ANGLES[by])
     options: dict[str, Any] = {
@@ -144,7 +144,7 @@ def detection_range(
     pose = next(iter(surveys.values())).all_rays.pose
     title = f"{0.0 - pose[DOWN] / 1e3:.4g} km above the origin"
     title += "" if by == ASPECT else f", {heading(math.degrees(pose[YAW]))}"
-    chosen = level_and_method(scenario.level, method)
+    chosen = level_and_method(scenario)
     result.report += [f"slant range of detection by {by}, {title} ({chosen}):"]
     for name, of_radar in ranges.items():
         result.report += [f"{name}:"] if name else []

@@ -142,7 +142,6 @@ def report(
     results = [section.result for section in sections if section.result]
     return Report(
         scenario,
-        scenario.method,
         report=[f"{section.key}: {section.answer}" for section in sections],
         warnings=[text for section in sections[1:] for text in section.warnings],
         passed=all(result.passed for result in results),

@@ -24,7 +24,7 @@ from radar_sense.states import FloatArray
 )
 def sensitivity(scenario: Scenario) -> Result:
     """3 sigma of P_D for every level of radar uncertainty."""
-    method, axis, result = scenario.method, scenario.axis, Result(scenario, scenario.method)
+    method, axis, result = scenario.method, scenario.axis, Result(scenario)
     at_level = {level: scenario.with_analysis(level=level) for level in scenario.levels}
     spreads = {level: _spread(at) for level, at in at_level.items()}
     alone = {
@@ -54,12 +54,10 @@ def sensitivity(scenario: Scenario) -> Result:
     result.warnings += words.gathered(
         (label, text)
         for label, (of, mean, std) in (spreads | of_radars).items()
-        for text in words.std_warnings(
-            axis, std, std_off_in_scenario(of, mean, std, method=method), method
-        )
+        for text in words.std_warnings(of, std, std_off_in_scenario(of, mean, std, method=method))
     )
     result.warnings += words.table_warnings(scenario)
-    result.report += words.std_trust(result)
+    words.add_trust(result, "sigma ")
     result.draw = partial(_draw, axis=axis, lines=lines)
     return result
 

@@ -72,7 +72,7 @@ def sweep(
     # all values are read before any is computed
     scenarios = [scenario.with_keys({key: f"{value:.12g}"}) for value in values]
 
-    result = Result(scenario, method)
+    result = Result(scenario)
     highest, tests, found = [], [], []
     started = time.process_time()
     for one, value in zip(scenarios, values, strict=True):
@@ -82,7 +82,7 @@ def sweep(
         highest.append((*ends, np.max(moments.upper), 3.0 * np.max(moments.std)))
         if threshold is not None:
             tests.append(path_test(one, method, threshold, k, moments))
-        for text in words.method_warnings(one, moments, method, k):
+        for text in (*words.validity_warnings(one, moments, k), *words.table_warnings(one)):
             found.append((axis.format(value), text))
         if len(highest) == 1:
             # The first value tells: how many poses and draws a test takes is not known before.

@@ -59,7 +59,7 @@ def validate(scenario: Scenario, *, digits: int = 2, k: float = 3.0, workers: in
     """
     axis, method = scenario.axis, scenario.method
     no_draws(method)
-    result = Result(scenario, method)
+    result = Result(scenario)
     plain = monte_carlo(scenario, RUNS, workers=workers, method=method, k=k)
     band, (low, high) = plain.band, plain.coverage_interval()
     verdict = judge(scenario.states(), band, digits, k)

@@ -16,7 +16,7 @@ from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Result, Table,
 from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.propagation import AUTOMATIC, Band, Moments, band_of_scenario, propagate_scenario
+from radar_sense.propagation import Band, Moments, band_of_scenario, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import POSITION, FloatArray
 
@@ -51,8 +51,8 @@ def variance(
     Raises:
         InputError: If an option is not allowed.
     """
-    axis, method, k = scenario.axis, scenario.method, sigmas(threshold, k, probability) or 3.0
-    result = Result(scenario, method)
+    axis, method, result = scenario.axis, scenario.method, Result(scenario)
+    k = sigmas(threshold, k, probability) or 3.0
     moments = propagate_scenario(scenario, method=method, p_max=threshold if k == 3 else None)
     band = moments
     if k != 3:
@@ -77,16 +77,17 @@ def variance(
     result.report += [
         words.describe_span(moments.p_d, axis),
         *_bands(scenario, band, k),
-        f"largest 3 sigma of P_D ({words.level_and_method(scenario.level, method)}): "
+        f"largest 3 sigma of P_D ({words.level_and_method(scenario)}): "
         f"{words.describe_extreme(worst, axis)}",
     ]
     alone = {name: (radar, m.mean, m.std) for name, (radar, m) in by_radar.items()}
     words.add_radars(result, {scenario.level: alone})
-    result.warnings += words.method_warnings(scenario, band, method, k)
+    result.warnings += words.validity_warnings(scenario, band, k)
+    result.warnings += words.table_warnings(scenario)
     result.warnings += words.gathered(
         (f"{name} alone", text)
         for name, (radar, of_radar) in by_radar.items()
-        for text in words.validity_warnings(radar, of_radar, method)
+        for text in words.validity_warnings(radar, of_radar)
     )
     tested, each = None, {name: m.p_d for name, (_, m) in by_radar.items()}
     if threshold is not None:
@@ -94,7 +95,7 @@ def variance(
         singles = single_radar_scenarios(tested.path.scenario).items()
         each = {name: one.p_d() for name, one in singles}
     else:
-        result.report += _trust(result, band)
+        words.add_trust(result, by_draws=int(np.count_nonzero(band.error)))
     _add_places(result.table, scenario)
     errors = {"": moments.error, **{name: m.error for name, (_, m) in by_radar.items()}}
     for name, error in errors.items():
@@ -120,15 +121,6 @@ def _bands(scenario: Scenario, band: Band, k: float) -> list[str]:
         f"{words.describe_band(band.p_d[pose], band.lower[pose], band.upper[pose], k)}"
         for place, pose in places.items()
     ]
-
-
-def _trust(result: Result, band: Band) -> list[str]:
-    """Return what draws say of the method; nothing where a warning says where it is off."""
-    if result.warnings:
-        return []
-    line = words.checked(result.method, len(band.p_d))
-    by_draws = np.count_nonzero(band.error) if result.method == AUTOMATIC else 0
-    return [f"{line}; draws replace form at {by_draws}" if by_draws else line]
 
 
 def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: str = "") -> None:

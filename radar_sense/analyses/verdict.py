@@ -69,8 +69,7 @@ def require_threshold(
     result passes if the test holds at every pose, and on a path also between the poses. The test at
     all of these is returned.
     """
-    scenario, method = result.scenario, result.method
-    tested = path_test(scenario, method, p_max, k, band)
+    tested = path_test(result.scenario, result.method, p_max, k, band)
     rows, test = tested.path.rows, tested.test
     column = f"upper_{k:.12g}sigma"
     for name, values, meaning in (
@@ -88,7 +87,7 @@ def require_threshold(
     result.summary["threshold"] = _summary(tested, column, k)
     if probability is not None:
         result.summary["threshold"]["probability"] = probability
-    result.report[:0] = _report(tested, method, k, probability)
+    result.report[:0] = _report(tested, k, probability)
     result.passed = test.passed
     return tested
 
@@ -151,14 +150,14 @@ def _share(test: ThresholdTest) -> float:
     return test.above / test.total if test.total > 0 else float(not test.passed)
 
 
-def _report(tested: PathTest, method: str, k: float, probability: float | None) -> list[str]:
+def _report(tested: PathTest, k: float, probability: float | None) -> list[str]:
     test, scenario = tested.test, tested.path.scenario
     axis = scenario.axis
     lines = [f"{_verdict(tested)}: {condition(test.p_max, k, probability)}"]
     if test.violated.any() and test.unknown.any():
         lines += [f"not known {words.describe_poses(test.unknown, axis)}"]
     if test.unknown.any() or not tested.path.resolved:
-        lines += [_remedy(tested, method)]
+        lines += [_remedy(tested)]
     known = np.isfinite(test.margin[tested.worst])
     if known:
         lines += [f"at the worst pose, {axis.at(tested.worst)}: {worst_band(tested, k)}"]
@@ -173,7 +172,7 @@ def _report(tested: PathTest, method: str, k: float, probability: float | None) 
     if test.violated.any():
         goal = f"--k {k:g}" if probability is None else f"--probability {probability:g}"
         lines += [_why(tested, goal)]
-    return [*lines, *_trust(tested, method)]
+    return [*lines, *_trust(tested)]
 
 
 def _verdict(tested: PathTest) -> str:
@@ -191,17 +190,15 @@ def worst_band(tested: PathTest, k: float) -> str:
     return words.describe_band(band.p_d[pose], band.lower[pose], tested.test.upper[pose], k)
 
 
-def _remedy(tested: PathTest, method: str) -> str:
+def _remedy(tested: PathTest) -> str:
     """Return the reason why the test has no answer, and the remedy."""
     if not tested.path.resolved:
         return f"  {refinement.unresolved()}"
     if tested.far.any():
         return "  the origin is too far for errors of attitude this large: choose a nearer one"
-    runs = tested.decision.runs
+    runs, method = tested.decision.runs, tested.path.scenario.method
     if method != AUTOMATIC:
-        return (
-            f"  {method} and draws disagree there, or draws do not decide: use --method automatic"
-        )
+        return f"  {method} and draws disagree there, or draws do not decide: {words.REMEDY}"
     if runs.runs < tested.decision.wanted:
         wanted = f"{tested.decision.wanted:,}"
         return f"  {wanted} runs of the path would be needed: use a smaller --k, or test a part"
@@ -261,13 +258,10 @@ def _correlation(scenario: Scenario) -> str:
     return f"errors of the aircraft correlated over {scenario.correlation_s:g} s"
 
 
-def _trust(tested: PathTest, method: str) -> list[str]:
+def _trust(tested: PathTest) -> list[str]:
     """Return how the bounds were computed and checked, and at which poses."""
     scenario, path = tested.path.scenario, tested.path
-    count = len(scenario.axis)
-    line = words.checked(method, count)
-    if method == AUTOMATIC and tested.by_draws.any():
-        line += f"; draws replace form at {np.count_nonzero(tested.by_draws)}"
+    line = words.checked(scenario, by_draws=int(tested.by_draws.sum()))
     if tested.test.passed:
         line += f'; a false "holds" has a probability of {2 * CHANCE:.1%} at most'
     if not path.added:
