@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 
 from radar_sense import words
-from radar_sense.analyses.required import OPTIONS, add_required_accuracy, check_options
-from radar_sense.analyses.verdict import sigmas
+from radar_sense.analyses.required import OPTIONS, required_accuracy
 from radar_sense.command import (
     LEVEL,
     METHOD,
@@ -64,10 +63,9 @@ def budget(
     Raises:
         InputError: If there is no such pose, or options do not go together.
     """
-    method = scenario.method
-    k = sigmas(threshold, k, probability)
-    check_options(method, target, threshold, k, at)
-    axis, result, found = scenario.axis, Result(scenario), error_budget(scenario, method)
+    axis, method, result = scenario.axis, scenario.method, Result(scenario)
+    needed, numbers = required_accuracy(scenario, target, threshold, k, probability, at)
+    found = error_budget(scenario, method)
     sources, parts, finer = (kind.values() for kind in (found.sources, found.parts, found.finer))
     total, interaction, pose = found.total, found.interaction, found.pose
     at_pose = float(total.three_sigma[pose])
@@ -127,11 +125,10 @@ def budget(
         "dominant": None if found.dominant is None else found.dominant.name,
         "dominates": dominates,
         **{name: value for name, value in optional.items() if value},
+        **numbers,
     }
+    result.report += needed
     result.warnings += words.std_warnings(scenario, total.std, off)
-    add_required_accuracy(
-        result, target=target, threshold=threshold, k=k, probability=probability, at=at
-    )
     result.warnings += words.table_warnings(scenario)
     if method == "linear":  # other methods report the interaction
         # where σ of all sources is not off, the source that first order misses is small

@@ -12,12 +12,13 @@ import numpy as np
 from radar_sense import words
 from radar_sense.acceptance import refinement
 from radar_sense.accuracy import P_D_ITSELF, RequiredAccuracy, only_at, required_accuracies
-from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition
+from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, sigmas
 from radar_sense.axis import Axis
-from radar_sense.command import Option, Result
+from radar_sense.command import Option
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, TARGET
 from radar_sense.propagation import METHODS, MONTE_CARLO, band_of_scenario
+from radar_sense.scenario import Scenario
 from radar_sense.sources import sources_of
 
 OPTIONS = (
@@ -35,70 +36,67 @@ OPTIONS = (
 )
 
 
-def check_options(
-    method: str, target: float | None, threshold: float | None, k: float | None, at: float | None
-) -> None:
-    """Raise InputError if options do not go together."""
-    if target is not None and threshold is not None:
-        raise InputError("'target' and 'threshold' exclude each other; give one of them")
-    if target is None and threshold is None and at is not None:
-        raise InputError("'at' needs 'target' or 'threshold'")
-    if threshold is None and k is not None:
-        raise InputError("'k' needs 'threshold'")
-    if method == MONTE_CARLO and (target, threshold) != (None, None):
-        name = "target" if threshold is None else "threshold"
-        others = ", ".join(m for m in METHODS if m != MONTE_CARLO)
-        raise InputError(f"'{name}' needs one of the methods {others}")
-
-
-def add_required_accuracy(
-    result: Result,
-    *,
+def required_accuracy(
+    scenario: Scenario,
     target: float | None,
     threshold: float | None,
     k: float | None,
     probability: float | None,
     at: float | None,
-) -> None:
-    """Add the largest factor on σ of each source, and of all, at which a limit holds."""
-    limit = target if threshold is None else threshold
+) -> tuple[list[str], dict[str, Any]]:
+    """Return the largest factor on σ of each source, and of all, at which a limit holds.
+
+    The lines of the report and the numbers of the record are empty without a limit.
+
+    Raises:
+        InputError: If options do not go together, or there is no such pose.
+    """
+    method, k = scenario.method, sigmas(threshold, k, probability)
+    kind, limit = ("target", target) if threshold is None else ("threshold", threshold)
+    if target is not None and threshold is not None:
+        raise InputError("'target' and 'threshold' exclude each other; give one of them")
+    if limit is None and at is not None:
+        raise InputError("'at' needs 'target' or 'threshold'")
+    if threshold is None and k is not None:
+        raise InputError("'k' needs 'threshold'")
     if limit is None:
-        return
-    scenario, method = result.scenario, result.method
-    sigmas = None if threshold is None else 3.0 if k is None else k
+        return [], {}
+    if method == MONTE_CARLO:
+        others = ", ".join(m for m in METHODS if m != MONTE_CARLO)
+        raise InputError(f"'{kind}' needs one of the methods {others}")
+    k = None if threshold is None else k or 3.0
     chosen = scenario if at is None else only_at(scenario, at)
-    propagate = partial(band_of_scenario, method=method, beta=sigmas or 3.0)
+    propagate = partial(band_of_scenario, method=method, beta=k or 3.0)
     poses = refinement.resolve(chosen, propagate, limit)
     if not poses.resolved:
         raise InputError(f"{refinement.unresolved()}, or one pose with 'at'")
     axis = poses.scenario.axis
-    required = required_accuracies(poses.scenario, limit, k=sigmas, method=method)
+    required = required_accuracies(poses.scenario, limit, k=k, method=method)
 
-    goal = f"3 sigma <= {limit:g}" if sigmas is None else condition(limit, sigmas, probability)
+    goal = f"3 sigma <= {limit:g}" if k is None else condition(limit, k, probability)
     place = "at all poses" if at is None else f"at {axis.format(at)}"
     between = f" and at {poses.added} between them" if poses.added else ""
-    result.report += [
-        f"for {goal} {place}{between}, sigma of one source (others unchanged) or of all must be:"
-    ]
+    of = "sigma of one source (others unchanged) or of all must be:"
     whole_of = {name: source.part_of for name, source in sources_of(scenario).items()}
     place_of = [*required].index
     names = sorted(required, key=lambda name: place_of(whole_of.get(name) or name))
     if required["all"].residual_from == P_D_ITSELF:
         names = ["all"]
-    result.report += words.rows(
+    lines = words.rows(
         (
             f"  {name.removeprefix(f'{whole}_')}" if (whole := whole_of.get(name)) else name,
             in_words(required[name], axis),
         )
         for name in names
     )
-    result.summary["target" if sigmas is None else "threshold"] = {
-        **({"three_sigma": limit} if sigmas is None else {"p_max": limit, "k": sigmas}),
+    numbers = {
+        **({"three_sigma": limit} if k is None else {"p_max": limit, "k": k}),
         "poses": len(axis),
         "poses_between_rows": poses.added,
         f"at_{axis.unit}": at,
         "required_accuracy": _by_source(required, axis),
     }
+    return [f"for {goal} {place}{between}, {of}", *lines], {kind: numbers}
 
 
 def _by_source(required: Mapping[str, RequiredAccuracy], axis: Axis) -> dict[str, dict[str, Any]]:
