@@ -375,22 +375,8 @@ def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], Flo
     return axes, coordinates
 
 
-class PoseLine(NamedTuple):
-    """A line over the poses: its label, values (n,) and style, and width in points."""
-
-    label: str
-    values: FloatArray
-    style: tuple[str, Any]
-    width: float = _POINTS["lines.linewidth"]
-    zorder: float = 2.0
-
-
-def pose_lines(figure: Figure, axis: Axis, lines: Sequence[PoseLine], label: str) -> None:
-    """Draw lines over the poses, from zero."""
-    (axes,), x = pose_panels(figure, 1, axis)
-    for line in lines:
-        own = {"label": line.label, "lw": points(line.width), "zorder": line.zorder}
-        draw_line(axes, x, line.values, line.style, **own)
+def finish(figure: Figure, axes: Axes, label: str) -> None:
+    """Finish a figure of one panel that starts at zero, with the legend above."""
     axes.set_ylabel(label)
     from_zero(axes)
     draw_legend(figure, axes)

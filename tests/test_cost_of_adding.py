@@ -58,10 +58,12 @@ def closest(scenario):
 
 
 def _draw(figure, axis, ranges):
-    from radar_sense.plotting import PoseLine, pose_lines, styles
+    from radar_sense import plotting
 
-    lines = [PoseLine(n, d / 1e3, s) for (n, d), s in zip(ranges.items(), styles(), strict=False)]
-    pose_lines(figure, axis, lines, "Slant range [km]")
+    (axes,), x = plotting.pose_panels(figure, 1, axis)
+    for (name, distance), style in zip(ranges.items(), plotting.styles(), strict=False):
+        plotting.draw_line(axes, x, distance / 1e3, style, label=name)
+    plotting.finish(figure, axes, "Slant range [km]")
 '''
 WARNING = {
     "words.py": (

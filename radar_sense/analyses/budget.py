@@ -184,7 +184,6 @@ def _know_first(scenario: Scenario, found: Budget) -> list[str]:
 def _draw(figure: Figure, result: Result, found: Budget) -> None:
     """Draw 3σ of the sources, of their parts as thin lines of the same colour, and of all."""
     from radar_sense import plotting
-    from radar_sense.plotting import PoseLine
 
     model, total = result.scenario.model, found.total
     radars = model.names if len(model.radars) > 1 else ()
@@ -196,18 +195,17 @@ def _draw(figure: Figure, result: Result, found: Budget) -> None:
     if unseen:
         text = f"below {VISIBLE:.0%} of the total: {', '.join(unseen)}"
         plotting.add_small_print(figure, text)
-    lines = [
-        PoseLine(_in_words(c, radars), c.three_sigma, style_of[c.name])
-        for c in sources
-        if c.name in seen
-    ]
+    (axes,), x = plotting.pose_panels(figure, 1, result.scenario.axis)
+    for c in (c for c in sources if c.name in seen):
+        plotting.draw_line(axes, x, c.three_sigma, style_of[c.name], label=_in_words(c, radars))
+    thin = {"lw": plotting.points(0.6)}
     for i, c in enumerate(c for c in parts if c.name in seen):
         style = style_of[c.part_of][0], plotting.LINES[i % len(plotting.LINES)][1]
-        lines.append(PoseLine(_in_words(c, radars), c.three_sigma, style, width=0.6))
+        plotting.draw_line(axes, x, c.three_sigma, style, label=_in_words(c, radars), **thin)
     # the total is under the line of a source that may be all of it
-    under = {"width": 2.2, "zorder": 1.8} if radars or parts else {}
-    lines.append(PoseLine("total", total.three_sigma, ("black", "-"), **under))
-    plotting.pose_lines(figure, result.scenario.axis, lines, r"$3\,\sigma$ of $P_D$")
+    under = {"lw": plotting.points(2.2), "zorder": 1.8} if radars or parts else {}
+    plotting.draw_line(axes, x, total.three_sigma, ("black", "-"), label="total", **under)
+    plotting.finish(figure, axes, r"$3\,\sigma$ of $P_D$")
 
 
 def _in_words(c: Contribution, radars: Collection[str]) -> str:

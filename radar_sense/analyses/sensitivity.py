@@ -67,7 +67,9 @@ def _spread(scenario: Scenario) -> words.Spread:
 
 
 def _draw(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray]) -> None:
-    from radar_sense.plotting import PoseLine, pose_lines, styles
+    from radar_sense import plotting
 
-    drawn = [PoseLine(*line, s) for line, s in zip(lines.items(), styles(), strict=False)]
-    pose_lines(figure, axis, drawn, r"$3\,\sigma$ of $P_D$")
+    (axes,), x = plotting.pose_panels(figure, 1, axis)
+    for (level, three_sigma), style in zip(lines.items(), plotting.styles(), strict=False):
+        plotting.draw_line(axes, x, three_sigma, style, label=level)
+    plotting.finish(figure, axes, r"$3\,\sigma$ of $P_D$")
