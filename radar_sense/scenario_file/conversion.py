@@ -7,6 +7,7 @@ from pathlib import Path as FilePath
 from typing import TypeAlias, TypeVar
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from radar_sense import covariance
 from radar_sense.errors import InputError
@@ -80,23 +81,19 @@ def covariance_of(
 
     A part has a size, and the SI value of its unit. `values` stand in place of the section's.
     """
-    place = stated.place
+    place, blocks = stated.place, []
+    units = np.concatenate([np.full(size, unit) for size, unit in parts.values()])
     if stated.covariance is not None:
-        units = np.concatenate([np.full(size, unit) for size, unit in parts.values()])
         return _matrix(stated.covariance, place["covariance"]) * np.outer(units, units)
-    total = np.zeros((sum(size for size, _ in parts.values()),) * 2)
-    start = 0
-    for name, (size, unit) in parts.items():
-        block = slice(start, start + size)
+    for name, (size, _) in parts.items():
         value = values.get(name, getattr(stated, name))
         if value is None:
             raise place.error(f"missing key '{name}', required without covariance")
         if isinstance(value, tuple) and isinstance(value[0], tuple):
-            total[block, block] = _matrix(value, place[name]) * unit**2
+            blocks.append(_matrix(value, place[name]))
         else:
-            total[block, block] = np.diag(np.square(np.broadcast_to(value, size))) * unit**2
-        start += size
-    return total
+            blocks.append(np.diag(np.square(np.broadcast_to(value, size))))
+    return np.asarray(block_diag(*blocks) * np.outer(units, units))
 
 
 def _matrix(rows: Sequence[Sequence[float]], place: Place) -> FloatArray:
