@@ -45,7 +45,7 @@ from radar_sense.model.trajectory import MIN_STEP, Route
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.table_file import Column, TableFile, open_data
 from radar_sense.scenario_file.text_file import TextFile
-from radar_sense.scenario_file.track_file import Track, read_gpx, read_state_vectors
+from radar_sense.scenario_file.track_file import PLACES, TIMES, Track, read_gpx, read_state_vectors
 from radar_sense.states import AIRCRAFT, POSITION, FloatArray, slices
 
 #: What the file should be, for errors.
@@ -92,13 +92,11 @@ def _within(low: float, high: float, unit: float = 1.0) -> Column:
 
 
 COLUMNS: dict[str, Column] = {
-    "time_s": _within(-1e12, 1e12),
+    "time_s": Column(TIMES),
     "speed_m_s": Column(sections.SPEED),
     **{f"{axis}_m": _within(-_FAR, _FAR) for axis in _NED},
     **{f"{axis}_km": _within(-_FAR / 1e3, _FAR / 1e3, 1e3) for axis in _NED},
-    "latitude_deg": _within(-90.0, 90.0, DEG),
-    "longitude_deg": _within(-180.0, 360.0, DEG),
-    "altitude_m": _within(-10e3, _FAR),
+    **dict(zip(GEODETIC, map(Column, PLACES, (DEG, DEG, 1.0)), strict=True)),
     "roll_deg": _within(-_TURN, _TURN, DEG),
     "pitch_deg": _within(-90.0, 90.0, DEG),
     "yaw_deg": _within(-_TURN, _TURN, DEG),

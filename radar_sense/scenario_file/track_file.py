@@ -37,8 +37,9 @@ _ENCODINGS = ("utf-8", "utf-16", "us-ascii", "iso-8859-1")
 #: Where points are, and the element that has them.
 _POINTS = {("gpx", "trk", "trkseg", "trkpt"): "trk", ("gpx", "rte", "rtept"): "rte"}
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(\.\d+)?(Z|[+-]\d\d:\d\d)", re.ASCII)
-_TIMES = Limit(at_least=-1e12, at_most=1e12)
-_LIMITS = (
+#: Limits of a time [s], and of latitude, longitude [deg] and altitude [m].
+TIMES = Limit(at_least=-1e12, at_most=1e12)
+PLACES = (
     Limit(at_least=-90, at_most=90),
     Limit(at_least=-180, at_most=360),
     Limit(at_least=-10e3, at_most=1e8),
@@ -216,7 +217,7 @@ class _GpxReader:
         try:
             row = [
                 number(texts.get(name, ""), limit, f"{place}: {name}")
-                for name, limit in zip(("lat", "lon", "ele"), _LIMITS, strict=True)
+                for name, limit in zip(("lat", "lon", "ele"), PLACES, strict=True)
             ]
             time = texts.get("time")
             row.append(np.nan if time is None else _seconds(f"{place}: time", time.strip()))
@@ -269,7 +270,7 @@ def read_state_vectors(file: TableFile, *, pressure: bool, icao24: str | None) -
     for name in (moment, "icao24", "lat", "lon", altitude):
         if file.names.count(name) > 1:
             raise file.error(f"duplicate column '{name}'")
-    used = tuple(zip((moment, "lat", "lon", altitude), (_TIMES, *_LIMITS), strict=True))
+    used = tuple(zip((moment, "lat", "lon", altitude), (TIMES, *PLACES), strict=True))
     lines: list[int] = []
     rows: list[list[float]] = []
     addresses: set[str] = set()
