@@ -103,20 +103,22 @@ def block_diagonal(covariances: Sequence[FloatArray]) -> FloatArray:
     return total
 
 
-def keep_components(covariance: FloatArray, components: Sequence[int]) -> FloatArray:
-    """Return the covariance (..., n, n) with zeros for all but some components."""
-    kept = np.zeros(covariance.shape[-1])
-    kept[list(components)] = 1.0
-    return covariance * np.outer(kept, kept)
+def without_components(covariance: FloatArray, components: NDArray[np.intp]) -> FloatArray:
+    """Return a copy of the covariance (..., n, n) with some components certain."""
+    covariance = covariance.copy()
+    covariance[..., components, :] = 0.0
+    covariance[..., components] = 0.0
+    return covariance
 
 
-def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
+def variance_along(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the variance A C Aᵀ (...) of a linear function of the state, eq. (35) of the paper.
 
     The function has the partials A (..., n), and the state the covariance C (..., n, n).
     """
-    covariance = np.asarray(covariance, dtype=float)
     n = jacobian.shape[-1]
+    if covariance.shape[:-2] == (1,) and jacobian.ndim > 1:
+        covariance = covariance[0]  # the same at all poses
     if covariance.shape[-2:] != (n, n):
         raise InputError(f"covariance must have shape (..., {n}, {n}), got {covariance.shape}")
     # An undefined partial of a certain component must not make the variance NaN.

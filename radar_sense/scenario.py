@@ -296,9 +296,9 @@ class Scenario:
         cov_radar = covariance.block_diagonal([r.covariance(self.level) for r in self.radars])
         bands, of_rcs = np.array(self.bands), component(RCS_ERROR, m)
         cov_radar[of_rcs, of_rcs] = np.outer(rcs_std, rcs_std) * np.equal.outer(bands, bands)
-        radar, covariances = with_errors(self.radar, m), (geometry.covariance, cov_radar)
-        nominal = self.model, geometry.aircraft, radar[np.newaxis]
-        states = UncertainStates(*nominal, *covariances, ((),) * m, self.seed, self.runs)
+        radar = np.broadcast_to(with_errors(self.radar, m), (len(self.axis), len(cov_radar)))
+        nominal, covariances = (geometry.aircraft, radar), (geometry.covariance, cov_radar)
+        states = UncertainStates(self.model, *nominal, *covariances, (), self.seed, self.runs)
         return states.with_covariances(*covariances, self.tolerances)
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:

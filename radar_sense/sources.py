@@ -34,7 +34,6 @@ from radar_sense.states import (
     POSITION,
     RCS_ERROR,
     FloatArray,
-    component,
     of_radar,
 )
 from radar_sense.uncertain_states import UncertainStates
@@ -386,10 +385,8 @@ def scaled(
 
 def _without_tolerances(scenario: Scenario) -> FloatArray:
     """Return C_rr (7m, 7m) without the variance of c_r that is of tolerances."""
-    matrix = scenario.states().cov_radar[0]
-    constants = np.arange(len(matrix))[component(CONSTANT, len(scenario.radars))]
-    others = np.setdiff1d(np.arange(len(matrix)), constants[scenario.states().log_constant])
-    return covariance.keep_components(matrix, others.tolist())
+    states = scenario.states()
+    return covariance.without_components(states.cov_radar[0], states.log_constants)
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
@@ -398,9 +395,12 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     matrices = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
     # with an attenuation in a network ε is an input too, even if the RCS is certain
     for whose, matrix in matrices.items():
-        blocks = [s.components for s in shown.values() if s.owner == whose]
-        apart = sum(covariance.keep_components(matrix, block) for block in blocks)
-        if not np.array_equal(matrix, apart):
+        between = matrix.copy()
+        for source in shown.values():
+            if source.owner == whose:
+                rows, columns = np.ix_(source.components, source.components)
+                between[..., rows, columns] = 0.0
+        if between.any():
             raise InputError(
                 f"level {scenario.level}: {whose} position and the rest of its state are "
                 "correlated; Sobol' indices need independent sources, use another method"

@@ -22,7 +22,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.covariance import block_square_root, checked, draws, largest_variance, square_root
+from radar_sense.covariance import (
+    block_square_root,
+    checked,
+    draws,
+    largest_variance,
+    square_root,
+    without_components,
+)
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar import ALWAYS, NEVER
@@ -54,7 +61,7 @@ BLOCK = 2048
 class UncertainStates:
     """Nominal states of k poses, their covariances, and the detection model.
 
-    An array with the same rows at all poses may have one row instead of k. `uncertain_states` and
+    A covariance that is the same at all poses may have one row instead of k. `uncertain_states` and
     `Scenario.states` make and check them.
 
     Attributes:
@@ -80,18 +87,13 @@ class UncertainStates:
 
     def __len__(self) -> int:
         """Number of poses."""
-        lengths = [*map(len, self._arrays)]
-        return max(lengths) if min(lengths) else 0
-
-    @property
-    def squeezed(self) -> tuple[FloatArray, ...]:
-        """The states and covariances, without an axis where they have one row for all poses."""
-        return tuple(array[0] if len(array) == 1 else array for array in self._arrays)
+        return len(self.aircraft)
 
     @cached_property
-    def log_constant(self) -> NDArray[np.bool_]:
-        """Radars (m,) whose ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr."""
-        return np.array([bool(tolerances) for tolerances in self.tolerances])
+    def log_constants(self) -> NDArray[np.intp]:
+        """Where radar states (7m,) have a c_r with tolerances: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr."""
+        which = np.flatnonzero([bool(tolerances) for tolerances in self.tolerances])
+        return len(RADAR_AND_ERRORS) * which + CONSTANT
 
     @cached_property
     def columns(self) -> NDArray[np.intp]:
@@ -99,7 +101,7 @@ class UncertainStates:
         if len(self.cov_radar) == 1:
             return np.flatnonzero(self._root.any(axis=(0, 1)))
         uncertain = np.asarray(np.diagonal(self.cov_radar, axis1=1, axis2=2).any(axis=0))
-        uncertain[_places_of_constants(self.tolerances)] = False
+        uncertain[self.log_constants] = False
         return np.flatnonzero(uncertain)
 
     def blocks(self, numbers: int) -> Iterator[UncertainStates]:
@@ -119,13 +121,12 @@ class UncertainStates:
         def some(array: FloatArray) -> FloatArray:
             return array if len(array) == 1 < len(self) else array[rows]
 
-        aircraft, radar, cov_aircraft, cov_radar = map(some, self._arrays)
         part = replace(
             self,
-            aircraft=aircraft,
-            radar=radar,
-            cov_aircraft=cov_aircraft,
-            cov_radar=cov_radar,
+            aircraft=self.aircraft[rows],
+            radar=self.radar[rows],
+            cov_aircraft=some(self.cov_aircraft),
+            cov_radar=some(self.cov_radar),
         )
         roots = ("sqrt_cov_aircraft", "sqrt_cov_radar")
         known = {name: some(vars(self)[name]) for name in roots if name in vars(self)}
@@ -144,9 +145,22 @@ class UncertainStates:
         """
         aircraft, radar = (c[np.newaxis] if c.ndim == 2 else c for c in (cov_aircraft, cov_radar))
         by_radar = tuple(map(tuple, tolerances))
-        if any(by_radar):
-            radar = _with_tolerances(self.radar, radar, by_radar)
-        return replace(self, cov_aircraft=aircraft, cov_radar=radar, tolerances=by_radar)
+        changed = replace(self, cov_aircraft=aircraft, cov_radar=radar, tolerances=by_radar)
+        return changed._with_tolerances() if any(by_radar) else changed
+
+    def _with_tolerances(self) -> UncertainStates:
+        """Return the states with every c_r that has tolerances to first order in C_rr.
+
+        Two c_r are correlated by the tolerances that they share.
+        """
+        which, numbers = self.log_constants, self.tolerance_normals
+        slopes = np.zeros((len(numbers), 1 + max(itertools.chain(*numbers))))
+        for i, own in enumerate(self.tolerances):
+            slopes[i, numbers[i]] = [t.slope for t in own]
+        of_constants = self.radar[0, which, np.newaxis] * slopes[which // len(RADAR_AND_ERRORS)]
+        covariance = without_components(self.cov_radar, which)
+        covariance[:, which[:, np.newaxis], which] = of_constants @ of_constants.T
+        return replace(self, cov_radar=covariance)
 
     def of_radars(
         self, numbers: Sequence[int], model: NetworkModel | None = None
@@ -169,7 +183,7 @@ class UncertainStates:
             of_own = reach * np.sqrt(largest_variance(self.cov_radar, of_radar(i, POSITION)))
             own = self.radar[:, of_radar(i)]
             found.append(radar.sight(self.aircraft, own, of_aircraft, of_own))
-        return np.stack(np.broadcast_arrays(*found, np.ones(len(self)))[:-1], axis=-1)
+        return np.stack(found, axis=-1)
 
     def by_sight(
         self, sight: NDArray[np.int8] | None = None
@@ -191,8 +205,15 @@ class UncertainStates:
 
     @cached_property
     def tolerance_normals(self) -> list[list[int]]:
-        """Unit normals of the tolerances of each radar (m,), counted after the columns of F."""
-        return _numbered(self.tolerances)
+        """Unit normals of the tolerances of each radar (m,), counted after the columns of F.
+
+        Radars that share a tolerance have one number of it.
+        """
+        numbers: dict[ErrorKey, int] = {}
+        return [
+            [numbers.setdefault(t.error_key(i), len(numbers)) for t in own]
+            for i, own in enumerate(self.tolerances)
+        ]
 
     @property
     def radar_normals(self) -> int:
@@ -218,7 +239,7 @@ class UncertainStates:
     @cached_property
     def _root(self) -> FloatArray:
         """F (k, 7m, 7m) with F Fᵀ = C_rr but for every c_r with tolerances, which has 0."""
-        certain = _without(self.cov_radar, _places_of_constants(self.tolerances))
+        certain = without_components(self.cov_radar, self.log_constants)
         return np.stack([block_square_root(matrix) for matrix in certain])
 
     def at_normals(self, u: FloatArray, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
@@ -227,13 +248,13 @@ class UncertainStates:
         The unit normals are of k of the poses, the rows.
         """
         normals, first = u.swapaxes(1, 2), len(AIRCRAFT)
-
-        def at(array: FloatArray) -> FloatArray:
-            """Return an array of the poses (k, 1, ...), or of all of them (1, 1, ...)."""
-            return (array if len(array) == 1 else array[rows])[:, np.newaxis]
-
-        aircraft = draws(at(self.aircraft), at(self.sqrt_cov_aircraft), normals[..., :first])
-        return aircraft, self._radars(at(self.radar), at(self.sqrt_cov_radar), normals[..., first:])
+        of_aircraft, of_radar = (
+            (root if len(root) == 1 else root[rows])[:, np.newaxis]
+            for root in (self.sqrt_cov_aircraft, self.sqrt_cov_radar)
+        )
+        nominal = self.aircraft[rows, np.newaxis], self.radar[rows, np.newaxis]
+        aircraft = draws(nominal[0], of_aircraft, normals[..., :first])
+        return aircraft, self._radars(nominal[1], of_radar, normals[..., first:])
 
     def radars_at(self, normals: FloatArray) -> FloatArray:
         """Return radar states (n, 7m) at unit normals (n, d − 6), for radars alike at all poses."""
@@ -269,10 +290,6 @@ class UncertainStates:
                 gradient[:, last + number] += by_log[:, i] * tolerance.slope
         return gradient
 
-    @cached_property
-    def _arrays(self) -> tuple[FloatArray, ...]:
-        return self.aircraft, self.radar, self.cov_aircraft, self.cov_radar
-
 
 def in_sight(model: NetworkModel, sight: NDArray[np.int8]) -> tuple[list[int], NetworkModel]:
     """Return which radars may see the aircraft, by the `Radar.sight` of each, and their network."""
@@ -281,48 +298,6 @@ def in_sight(model: NetworkModel, sight: NDArray[np.int8]) -> tuple[list[int], N
     of_each = zip(radars, sight[numbers], strict=True)
     seen = tuple(r.without_limits() if s == ALWAYS else r for r, s in of_each)
     return numbers, replace(model, radars=seen)
-
-
-def _numbered(tolerances: Sequence[Sequence[Tolerance]]) -> list[list[int]]:
-    """Return the number of the error of each tolerance; one number for what radars share."""
-    numbers: dict[ErrorKey, int] = {}
-    return [
-        [numbers.setdefault(t.error_key(i), len(numbers)) for t in own]
-        for i, own in enumerate(tolerances)
-    ]
-
-
-def _with_tolerances(
-    radar: FloatArray, covariance: FloatArray, tolerances: Sequence[Sequence[Tolerance]]
-) -> FloatArray:
-    """Return C_rr (k, n, n) with every c_r that has tolerances to first order.
-
-    Two c_r are correlated by the tolerances that they share.
-    """
-    numbered = _numbered(tolerances)
-    slopes = np.zeros((len(tolerances), 1 + max(itertools.chain(*numbered))))
-    for i, own in enumerate(tolerances):
-        slopes[i, numbered[i]] = [t.slope for t in own]
-    which = _places_of_constants(tolerances)
-    of_constants = radar[:, component(CONSTANT, len(tolerances)), np.newaxis] * slopes
-    of_constants = of_constants[:, [bool(own) for own in tolerances]]
-    covariance = _without(covariance, which)
-    covariance[:, which[:, np.newaxis], which] = of_constants @ of_constants.swapaxes(1, 2)
-    return covariance
-
-
-def _places_of_constants(tolerances: Sequence[Sequence[Tolerance]]) -> NDArray[np.intp]:
-    """Return where the radar states (7m,) have a c_r with tolerances."""
-    which = np.flatnonzero([bool(own) for own in tolerances])
-    return len(RADAR_AND_ERRORS) * which + CONSTANT
-
-
-def _without(covariance: FloatArray, places: NDArray[np.intp]) -> FloatArray:
-    """Return C (k, n, n) with some components certain."""
-    covariance = covariance.copy()
-    covariance[:, places] = 0.0
-    covariance[:, :, places] = 0.0
-    return covariance
 
 
 def uncertain_states(
@@ -346,11 +321,13 @@ def uncertain_states(
     shape = common_shape(x_a.shape[:-1], x_r.shape[:-1], c_aa.shape[:-2], c_rr.shape[:-2])
 
     def rows(array: FloatArray, axes: int) -> FloatArray:
-        """Return a row for each pose, or one row that all poses have."""
+        """Return a row for each pose."""
         tail = array.shape[-axes:]
-        if array.size != math.prod(tail):
-            array = np.broadcast_to(array, shape + tail)
-        return array.reshape(-1, *tail)
+        return np.broadcast_to(array, shape + tail).reshape(-1, *tail)
 
-    arrays = rows(x_a, 1), rows(x_r, 1), rows(c_aa, 2), rows(c_rr, 2)
-    return shape, UncertainStates(model, *arrays, ((),) * m)
+    of_aircraft, of_radar = (
+        c.reshape(-1, *c.shape[-2:]) if math.prod(c.shape[:-2]) == 1 else rows(c, 2)
+        for c in (c_aa, c_rr)
+    )
+    x_a, x_r = rows(x_a, 1), rows(x_r, 1)
+    return shape, UncertainStates(model, x_a, x_r, of_aircraft, of_radar, ((),) * m)

@@ -284,8 +284,10 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
     snr_db = words.decibels(radar.model.snr(states.aircraft, states.radar))
     in_db = dataclasses.replace(radar.model, detector=Margin())
     _, by_aircraft, by_radar = in_db.linearize_probit(states.aircraft, states.radar)
-    *_, cov_aircraft, cov_radar = states.squeezed
-    owners = {"aircraft": (by_aircraft, cov_aircraft), "radar": (by_radar, cov_radar)}
+    owners = {
+        "aircraft": (by_aircraft, states.cov_aircraft),
+        "radar": (by_radar, states.cov_radar),
+    }
     variances = dict.fromkeys(TERMS.values(), 0.0 * ones)
     for name, source in sources_of(scenario, SOURCE).items():
         if term := TERMS.get(name):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +114,6 @@ def _drawn(
     """Yield poses (j,) and what `_draw` returns of them, where a radar may see the aircraft."""
     for poses, part in states.by_sight():
         for block in part.blocks(2 * draws):  # P_D and weights
-            block = _row_by_row(block)
             mixture = None if plain else Mixture.of(block, beta)
             rows, poses = np.split(poses, [len(block)])
             yield rows, *_draw(block, mixture, draws)
@@ -143,15 +142,6 @@ def _draw(
                 weights[rows, columns] *= ratio
             p_d[rows, columns] = states.model.unchecked_p_d(*states.at_normals(u, rows))
     return p_d, weights, towards
-
-
-def _row_by_row(states: UncertainStates) -> UncertainStates:
-    """Return states with a row of nominal states for each pose."""
-    return replace(
-        states,
-        aircraft=np.broadcast_to(states.aircraft, (len(states), states.aircraft.shape[1])),
-        radar=np.broadcast_to(states.radar, (len(states), states.radar.shape[1])),
-    )
 
 
 class _Strata:

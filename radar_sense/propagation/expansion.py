@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +30,9 @@ from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
     BLOCK,
-    CONSTANT,
     POSITION,
     RADAR_AND_ERRORS,
     FloatArray,
-    component,
     of_radar,
     slices,
 )
@@ -118,14 +115,13 @@ class RelativeProbit:
     @cached_property
     def visible(self) -> NDArray[np.bool_]:
         """Radars that see the aircraft at the nominal states (k, m)."""
-        states = self.states
-        visible = states.model.visible(states.aircraft, states.radar)
-        return np.broadcast_to(visible, (len(states), visible.shape[-1]))
+        return self.states.model.visible(self.states.aircraft, self.states.radar)
 
     @cached_property
     def std(self) -> FloatArray:
-        """Standard deviations of y (n, k), or (n, 1)."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2).T)
+        """Standard deviations of y (n, k)."""
+        std = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2).T)
+        return np.broadcast_to(std, (len(std), len(self.states)))
 
     @cached_property
     def floor(self) -> FloatArray:
@@ -142,36 +138,27 @@ class RelativeProbit:
             aircraft, radar, self.visible[pose]
         )
         by_all = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T))
-        if growth is not None:
-            by_all[_RADARS][component(CONSTANT, len(growth))] *= growth
+        by_all[3 + self.states.log_constants] *= growth
         gradient = by_all[self.components]
         uncertain = self.std > 0
         if not uncertain.all():
-            gradient = np.where(_at(uncertain, pose), gradient, 0.0)
+            gradient = np.where(uncertain[:, pose], gradient, 0.0)
         return value, gradient
 
     def _shifted(
         self, error: FloatArray, pose: NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Return states (j, 6) and (j, 7m) with errors (n, j), and ∂c_r/∂Δ (m, j) or None for 1.
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return states (j, 6) and (j, 7m) with errors (n, j), and ∂c_r/∂Δ of the `log_constants`.
 
         The position of the aircraft stays nominal, and the radars have all errors of position.
         """
-        states = self.states
-        nominal = [_at(a.T, pose) for a in (states.aircraft, states.radar)]
-        shifted = np.empty((len(AIRCRAFT) + len(nominal[1]), len(pose)))
+        states, which = self.states, self.states.log_constants
+        shifted = np.concatenate([states.aircraft.T[:, pose], states.radar.T[:, pose]])
         aircraft, radar = np.split(shifted, [len(AIRCRAFT)])
-        aircraft[:], radar[:] = nominal
+        constants = radar[which]  # a copy
         shifted[len(AIRCRAFT) - 3 + self.components] += error
-        growth = None
-        if states.log_constant.any():
-            m = len(states.log_constant)
-            constants = radar[component(CONSTANT, m)]  # a view
-            of_nominal = nominal[1][component(CONSTANT, m)]
-            growth = np.ones((m, len(pose)))
-            relative = (constants / of_nominal - 1.0)[states.log_constant]
-            growth[states.log_constant] = np.exp(np.minimum(relative, MOST_NEPERS))
-            constants[states.log_constant] = (of_nominal * growth)[states.log_constant]
+        growth = np.exp(np.minimum(radar[which] / constants - 1.0, MOST_NEPERS))
+        radar[which] = constants * growth
         return aircraft.T, radar.T, growth
 
     def derivatives(self) -> SecondOrder:
@@ -199,7 +186,7 @@ class RelativeProbit:
     def _differences(self) -> SecondOrder:
         """Return the expansion of z by differences of its gradient."""
         k, n = len(self.states), len(self.std)
-        step = np.broadcast_to(self.std, (n, k)) * STEP
+        step = self.std * STEP
         own, points = np.arange(n), np.arange(1, 2 * n + 1, 2)
         error = np.zeros((n, 2 * n + 1, k))
         error[own, points] = step
@@ -255,11 +242,6 @@ class StandardNormalSpace:
         for part in parts:
             np.einsum("kij,ik->jk", self.sqrt_cov[pose[part]], by_y[:, part], out=by_u[:, part])
         return value, by_u
-
-
-def _at(values: NDArray[Any], pose: NDArray[np.intp]) -> NDArray[Any]:
-    """Return values (c, k) or (c, 1) at poses (j,), to broadcast against (c, j)."""
-    return values[:, pose] if values.shape[1] > 1 else values
 
 
 @cache

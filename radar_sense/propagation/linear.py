@@ -16,14 +16,10 @@ class Linear(Distribution):
 
     def __init__(self, states: UncertainStates, gradient: Linearization | None = None) -> None:
         super().__init__(states)
-        aircraft, radar, cov_aircraft, cov_radar = states.squeezed
-        lin = gradient or states.model.unchecked_linearize(aircraft, radar)
-        by_aircraft = variance_along(lin.jac_aircraft, cov_aircraft)
-        std = np.sqrt(by_aircraft + variance_along(lin.jac_radar, cov_radar))
-        each = np.zeros(len(states))
-        self.p_d = each + lin.p_d
-        self.moments = self.p_d, each + std
-        self._gradient = lin
+        lin = gradient or states.model.unchecked_linearize(states.aircraft, states.radar)
+        by_aircraft = variance_along(lin.jac_aircraft, states.cov_aircraft)
+        std = np.sqrt(by_aircraft + variance_along(lin.jac_radar, states.cov_radar))
+        self.p_d, self.moments, self._gradient = lin.p_d, (lin.p_d, std), lin
 
     def quantile(self, beta: float) -> FloatArray:
         """Return P_D + β σ (k,), which may leave [0, 1]."""

@@ -28,8 +28,7 @@ class Distribution:
     @cached_property
     def p_d(self) -> FloatArray:
         """P_D of the nominal states (k,)."""
-        p_d = self.states.model.unchecked_p_d(self.states.aircraft, self.states.radar)
-        return p_d + np.zeros(len(self.states))
+        return self.states.model.unchecked_p_d(self.states.aircraft, self.states.radar)
 
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:

@@ -24,12 +24,10 @@ class Probit(Distribution):
         self, states: UncertainStates, gradient: tuple[FloatArray, ...] | None = None
     ) -> None:
         super().__init__(states)
-        aircraft, radar, cov_aircraft, cov_radar = states.squeezed
-        self._gradient = gradient or states.model.linearize_probit(aircraft, radar)
-        z, by_aircraft, by_radar = self._gradient
-        variance = variance_along(by_aircraft, cov_aircraft) + variance_along(by_radar, cov_radar)
-        self._s = np.broadcast_to(np.sqrt(variance), len(states))
-        self._m = np.broadcast_to(z, len(states))
+        self._gradient = gradient or states.model.linearize_probit(states.aircraft, states.radar)
+        self._m, by_aircraft, by_radar = self._gradient
+        of_aircraft = variance_along(by_aircraft, states.cov_aircraft)
+        self._s = np.sqrt(of_aircraft + variance_along(by_radar, states.cov_radar))
         self.p_d = np.asarray(ndtr(self._m))
 
     def quantile(self, beta: float) -> FloatArray:

@@ -168,7 +168,7 @@ def test_the_rcs_error_is_read_and_read_back(tmp_path):
     plain = {"position_m": 10, "attitude_deg": 1}
     given = scenario(uncertainty__aircraft={**plain, "rcs_db": 1.5})
     assert (given.rcs_db, given.rcs_std) == (1.5, 1.5)
-    assert given.states().radar.tolist() == [[0, 0, 0, 167, 0, 0, 0]]
+    assert given.states().radar[0].tolist() == [0, 0, 0, 167, 0, 0, 0]
     assert_array_equal(np.diagonal(given.states().cov_radar[0]), [1e4, 1e4, 1e4, 25, 2.25, 0, 0])
     assert given.resolved()["uncertainty"]["aircraft"] == {**plain, "rcs_db": 1.5}
     again = rs.parse_scenario(yaml_text(given.resolved()))
