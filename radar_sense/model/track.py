@@ -111,11 +111,9 @@ def attitude_of_motion(
         origin: Origin of the frame; None if level is the same everywhere.
     """
     if origin is not None:
-        velocity, acceleration = velocity.copy(), acceleration.copy()
-        for block in slices(len(place)):
-            turn = geodesy.turn_to_origin(place[block], origin)
-            for vectors in (velocity, acceleration):
-                vectors[block] = np.einsum("...ij,...i->...j", turn, vectors[block])
+        turn = geodesy.turn_to_origin(place, origin)
+        velocity = np.einsum("...ij,...i->...j", turn, velocity)
+        acceleration = np.einsum("...ij,...i->...j", turn, acceleration)
     try:
         return attitude_from_motion(velocity, acceleration)
     except InputError as error:
@@ -123,17 +121,6 @@ def attitude_of_motion(
             f"{source}: the aircraft {error}, attitude cannot be derived from the track; "
             f"give the columns {', '.join(ATTITUDE_COLUMNS)}"
         ) from error
-
-
-def attitude_in_frame(
-    place: FloatArray, attitude: FloatArray, origin: tuple[float, ...]
-) -> FloatArray:
-    """Return attitudes (n, 3), relative to level at places (n, 3), in the frame of an origin."""
-    turned = np.empty_like(attitude)
-    for block in slices(len(attitude)):
-        turn = geodesy.turn_to_origin(place[block], origin)
-        turned[block] = geodesy.turned_attitude(attitude[block], turn)
-    return turned
 
 
 def covariance_in_frame(

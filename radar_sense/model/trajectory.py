@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
-from radar_sense.model.track import attitude_in_frame, attitude_of_motion, covariance_in_frame
+from radar_sense.model.track import attitude_of_motion, covariance_in_frame
 from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, slices
 
 if TYPE_CHECKING:
@@ -191,7 +191,8 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
             place = geodesy.geodetic_from_ned(position, route.origin)
         attitude = attitude_of_motion("route", place, velocity, acceleration, route.origin)
         if route.origin is not None:
-            attitude = attitude_in_frame(place, attitude, route.origin)
+            turn = geodesy.turn_to_origin(place, route.origin)
+            attitude = geodesy.turned_attitude(attitude, turn)
     aircraft = np.hstack([position, attitude])
     covariance = _covariance(route, time, aircraft)
     return Route(time, aircraft, covariance, route.attitude_given, route.origin)
@@ -274,10 +275,9 @@ def _lifted(
     place = geodesy.geodetic_from_ned(position, origin)
     growth = (geodesy.SEMI_MAJOR + height) / (geodesy.SEMI_MAJOR + place[:, 2])
     place[:, 2] = height
-    for block in slices(len(place)):
-        down = geodesy.turn_to_origin(place[block], origin)[..., 2]
-        sink_rate = np.sum(velocity[block] * down, axis=-1)
-        level = velocity[block] - sink_rate[:, np.newaxis] * down
-        velocity[block] = growth[block, np.newaxis] * level - climb[block, np.newaxis] * down
+    down = geodesy.turn_to_origin(place, origin)[..., DOWN]
+    sink_rate = np.sum(velocity * down, axis=-1)
+    level = velocity - sink_rate[:, np.newaxis] * down
+    velocity[:] = growth[:, np.newaxis] * level - climb[:, np.newaxis] * down
     acceleration *= growth[:, np.newaxis]
     return geodesy.ned_from_geodetic(place, origin)

@@ -36,7 +36,6 @@ from radar_sense.limits import DEG, Limit, check_parameters
 from radar_sense.model import geodesy
 from radar_sense.model.track import (
     ATTITUDE_COLUMNS,
-    attitude_in_frame,
     attitude_of_motion,
     covariance_in_frame,
     motion_of_samples,
@@ -201,7 +200,7 @@ def read_route(
         velocity, acceleration = motion_of_samples(time, position)
         attitude = attitude_of_motion(track.source, place, velocity, acceleration, origin)
     if origin is not None:
-        attitude = attitude_in_frame(place, attitude, origin)
+        attitude = geodesy.turned_attitude(attitude, geodesy.turn_to_origin(place, origin))
     aircraft, covariance = np.hstack([position, attitude]), track.covariance
     if origin is not None and covariance is not None:
         covariance = covariance_in_frame(covariance, time, aircraft, origin, source=track.source)
