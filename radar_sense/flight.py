@@ -44,7 +44,8 @@ class Geometry(ReadOnly):
     Attributes:
         axis: Axis of the poses (n,).
         aircraft: States (n, 6).
-        covariance: C_aa (6, 6), or one for each pose (n, 6, 6).
+        covariance: C_aa (6, 6), or one for each pose (n, 6, 6), relative to north, east and down at
+            the aircraft.
     """
 
     axis: Axis
@@ -77,6 +78,11 @@ class Geometry(ReadOnly):
         return symmetric_square_root(self.covariance)
 
     @property
+    def covariance_in_frame(self) -> FloatArray:
+        """C_aa (6, 6) or (n, 6, 6) in the frame of the states."""
+        return self.covariance
+
+    @property
     def coordinate(self) -> FloatArray:
         """Coordinate of each pose (n,) for `at`: azimuth [deg], ground range [km] or time [s]."""
         return self.axis.values
@@ -89,10 +95,6 @@ class Geometry(ReadOnly):
     def at(self, coordinate: FloatArray) -> Geometry:
         """Return the poses of the flight at other coordinates (k,)."""
         raise InputError("there is no flight from pose to pose")
-
-    def with_covariance(self, covariance: FloatArray) -> Geometry:
-        """Return the poses with one C_aa (6, 6), relative to north, east, down at the aircraft."""
-        return dataclasses.replace(self, covariance=covariance)
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Geometry:
         """Return some of the poses."""
@@ -234,10 +236,19 @@ class Path(Geometry):
 
     @property
     def square_root(self) -> FloatArray:
-        """As of `Geometry`, relative to north, east and down at the aircraft."""
-        if self.origin is None or self.covariance.ndim == 2:
+        """As of `Geometry`, symmetric relative to north, east and down at the aircraft."""
+        if self.origin is None or not self.covariance.any():
             return super().square_root
         return square_root_in_frame(self.covariance, self.time_s, self.aircraft, self.origin)
+
+    @cached_property
+    def covariance_in_frame(self) -> FloatArray:
+        """As of `Geometry`; a nose that points straight up or down has none."""
+        if self.origin is None or not self.covariance.any():
+            return self.covariance
+        turned = covariance_in_frame(self.covariance, self.time_s, self.aircraft, self.origin)
+        turned.flags.writeable = False
+        return turned
 
     @cached_property
     def route(self) -> Route:
@@ -274,19 +285,6 @@ class Path(Geometry):
             covariance=self.covariance if poses.covariance is None else poses.covariance,
             time_s=coordinate,
         )
-
-    def with_covariance(self, covariance: FloatArray) -> Path:
-        """As of `Geometry`."""
-        origin, flight = self.origin, self.flight
-        if origin is None:
-            return dataclasses.replace(self, covariance=covariance)
-
-        def turned(at: Path | Route) -> FloatArray:
-            return covariance_in_frame(covariance, at.time_s, at.aircraft, origin)
-
-        if flight is not None:
-            flight = dataclasses.replace(flight, covariance=turned(flight))
-        return dataclasses.replace(self, covariance=turned(self), flight=flight)
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Path:
         """Return the path with some of its rows."""

@@ -219,8 +219,8 @@ class Scenario:
 
     @property
     def cov_aircraft(self) -> FloatArray:
-        """C_aa (6, 6), or one for each pose (n, 6, 6)."""
-        return self.geometry.covariance
+        """C_aa (6, 6), or one for each pose (n, 6, 6), in the frame of the states."""
+        return self.geometry.covariance_in_frame
 
     @property
     def time_s(self) -> FloatArray | None:
@@ -297,7 +297,7 @@ class Scenario:
         bands, of_rcs = np.array(self.bands), component(RCS_ERROR, m)
         cov_radar[of_rcs, of_rcs] = np.outer(rcs_std, rcs_std) * np.equal.outer(bands, bands)
         radar = np.broadcast_to(with_errors(self.radar, m), (len(self.axis), len(cov_radar)))
-        nominal, covariances = (geometry.aircraft, radar), (geometry.covariance, cov_radar)
+        nominal, covariances = (geometry.aircraft, radar), (self.cov_aircraft, cov_radar)
         states = UncertainStates(self.model, *nominal, *covariances, (), self.seed, self.runs)
         return states.with_covariances(*covariances, self.tolerances)
 
@@ -323,14 +323,12 @@ class Scenario:
         All states have the covariance of the first pose, relative to north, east and down at the
         aircraft. The values are not checked.
         """
-        states, origin = aircraft_states(aircraft).reshape(-1, len(AIRCRAFT)), self.origin
-        along, covariance = axes.pose_number(len(states)), self.cov_aircraft
+        states = aircraft_states(aircraft).reshape(-1, len(AIRCRAFT))
+        along, covariance = axes.pose_number(len(states)), self.geometry.covariance
         if covariance.ndim == 3:
             covariance = covariance[0]
-        if origin is not None:
-            first, zero = self.aircraft[:1], along.values[:1]
-            covariance = covariance_in_frame(covariance, zero, first, origin, back=True)
-            covariance = covariance_in_frame(covariance, along.values, states, origin)
+        if self.origin is not None:
+            covariance = covariance_in_frame(covariance, along.values, states, self.origin)
         return self._with(geometry=States(along, states, covariance))
 
     def along(self, geometry: Geometry) -> Scenario:

@@ -398,9 +398,10 @@ def tolerances_by_level(scenario):
 
 def with_arrays(scenario, **arrays):
     """Return a scenario with other arrays or fields, those of `scenario_of`."""
-    states = ("model", "radar", "aircraft", "cov_aircraft", "time_s", "origin", "axis")
+    states = ("model", "radar", "aircraft", "time_s", "origin", "axis")
     given = {name: getattr(scenario, name) for name in (*states, *CHOICES)}
     given |= {
+        "cov_aircraft": scenario.geometry.covariance,
         "cov_radar": cov_by_level(scenario),
         "tolerances": tolerances_by_level(scenario),
         "attenuation_std": {

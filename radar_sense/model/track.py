@@ -124,33 +124,27 @@ def attitude_of_motion(
 
 
 def covariance_in_frame(
-    covariance: FloatArray,
-    time: FloatArray,
-    aircraft: FloatArray,
-    origin: tuple[float, ...],
-    *,
-    back: bool = False,
-    source: str = "geometry",
+    covariance: FloatArray, time: FloatArray, aircraft: FloatArray, origin: tuple[float, ...]
 ) -> FloatArray:
     """Return C_aa of each pose (n, 6, 6) in the frame of an origin.
 
     An error of position turns level too, by 0.001° for 100 m. This turn is neglected. A nose that
-    points straight up or down in the axes that are turned to is refused: roll and yaw have no
-    covariance there.
+    points straight up or down in the frame is refused: roll and yaw have no covariance there.
 
     Args:
         covariance: C_aa (6, 6) or (n, 6, 6), relative to north, east and down at the aircraft.
         time: Time of each pose (n,) [s], for errors.
         aircraft: States (n, 6) in the frame of the origin.
         origin: The origin, see `geodesy`.
-        back: Whether the covariance is turned the other way: from the frame of the origin to north,
-            east and down at the aircraft.
-        source: Name of the track in errors.
     """
     found = np.array(np.broadcast_to(covariance, (len(time), *covariance.shape[-2:])))
-    for block, ends in _axes(aircraft, origin, back=back):
-        part = found[block]
-        found[block] = _turned(part, _jacobian(source, time[block], part, *ends))
+    for block, jacobian in _jacobians(found, time, aircraft, origin):
+        turned = jacobian @ found[block] @ np.swapaxes(jacobian, -1, -2)
+        turned = 0.5 * (turned + np.swapaxes(turned, -1, -2))
+        # A variance of 0 may round to a negative number.
+        certain = np.diagonal(turned, axis1=-2, axis2=-1) <= 0
+        turned[certain[:, :, np.newaxis] | certain[:, np.newaxis, :]] = 0.0
+        found[block] = turned
     return without_rounding(found)
 
 
@@ -160,64 +154,39 @@ def square_root_in_frame(
     """Return F (n, 6, 6) with F Fᵀ = C_aa in the frame of an origin, continuous from pose to pose.
 
     F is the symmetric square root of the covariance at the aircraft, turned into the frame. Errors
-    that are correlated from pose to pose are then the same errors about any origin.
+    that are correlated from pose to pose are then the same errors about any origin. The arguments
+    are those of `covariance_in_frame`.
     """
-    at_aircraft = covariance_in_frame(covariance, time, aircraft, origin, back=True)
-    root = symmetric_square_root(at_aircraft)
-    for block, ends in _axes(aircraft, origin, back=False):
-        root[block] = _jacobian("geometry", time[block], at_aircraft[block], *ends) @ root[block]
+    covariance = np.broadcast_to(covariance, (len(time), *covariance.shape[-2:]))
+    root = symmetric_square_root(covariance)
+    for block, jacobian in _jacobians(covariance, time, aircraft, origin):
+        root[block] = jacobian @ root[block]
     return root
 
 
-def _axes(
-    aircraft: FloatArray, origin: tuple[float, ...], *, back: bool
-) -> Iterator[tuple[slice, tuple[FloatArray, FloatArray, FloatArray]]]:
-    """Yield blocks of poses: attitudes (k, 3) before and after a turn, and the turns (k, 3, 3).
+def _jacobians(
+    covariance: FloatArray, time: FloatArray, aircraft: FloatArray, origin: tuple[float, ...]
+) -> Iterator[tuple[slice, FloatArray]]:
+    """Yield blocks of poses, and the partials (k, 6, 6) of the aircraft state by that at level.
 
-    The turns lead from north, east and down at the aircraft to the frame of the origin, or back.
+    The states are in the frame of the origin, and relative to north, east and down at the aircraft.
+    The partials of an attitude without errors are 0.
     """
     place = geodesy.geodetic_from_ned(aircraft[:, POSITION], origin)
     for block in slices(len(place)):
-        turn = geodesy.turn_to_origin(place[block], origin)
-        in_frame, to_level = aircraft[block, ATTITUDE], np.swapaxes(turn, -1, -2)
-        level = geodesy.turned_attitude(in_frame, to_level)
-        yield block, (in_frame, level, to_level) if back else (level, in_frame, turn)
-
-
-def _turned(covariance: FloatArray, jacobian: FloatArray) -> FloatArray:
-    """Return C_aa (k, 6, 6) in other axes, with the partials (k, 6, 6) of a state in them."""
-    covariance = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
-    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    # A variance of 0 may round to a negative number.
-    certain = np.diagonal(covariance, axis1=-2, axis2=-1) <= 0
-    covariance[certain[:, :, np.newaxis] | certain[:, np.newaxis, :]] = 0.0
-    return covariance
-
-
-def _jacobian(
-    source: str,
-    time: FloatArray,
-    covariance: FloatArray,
-    attitude: FloatArray,
-    turned: FloatArray,
-    turn: FloatArray,
-) -> FloatArray:
-    """Return the partials (k, 6, 6) of the aircraft state in other axes by the state.
-
-    The partials of an attitude without errors are 0. `turn` (k, 3, 3) leads from the axes before,
-    where the attitude is `attitude` (k, 3), to those after, where it is `turned`.
-    """
-    uncertain = np.any(covariance[:, ATTITUDE, ATTITUDE] != 0, axis=(-2, -1))
-    steep = uncertain & (np.abs(turned[:, 1]) > np.pi / 2 - _STEEP)
-    if steep.any():
-        raise InputError(
-            f"{source}: at time_s {float(time[steep][0])!r} the aircraft's nose points straight up "
-            "or down, where roll and yaw have no covariance; another origin may help"
+        turn, attitude = geodesy.turn_to_origin(place[block], origin), aircraft[block, ATTITUDE]
+        uncertain = np.any(covariance[block, ATTITUDE, ATTITUDE] != 0, axis=(-2, -1))
+        steep = uncertain & (np.abs(attitude[:, 1]) > np.pi / 2 - _STEEP)
+        if steep.any():
+            raise InputError(
+                f"at time_s {float(time[block][steep][0])!r} the aircraft's nose points straight "
+                "up or down, where roll and yaw have no covariance; another origin may help"
+            )
+        jacobian = np.zeros((len(turn), 6, 6))
+        jacobian[:, POSITION, POSITION] = turn
+        # The Jacobian is infinite at a pitch of ±90°. A certain attitude does not need it.
+        level = geodesy.turned_attitude(attitude[uncertain], np.swapaxes(turn[uncertain], -1, -2))
+        jacobian[uncertain, ATTITUDE, ATTITUDE] = geodesy.turned_attitude_jacobian(
+            level, attitude[uncertain]
         )
-    jacobian = np.zeros_like(covariance)
-    jacobian[:, POSITION, POSITION] = turn
-    # The Jacobian is infinite at a pitch of ±90°. A certain attitude does not need it.
-    jacobian[uncertain, ATTITUDE, ATTITUDE] = geodesy.turned_attitude_jacobian(
-        attitude[uncertain], turned[uncertain]
-    )
-    return jacobian
+        yield block, jacobian

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
-from radar_sense.model.track import attitude_of_motion, covariance_in_frame
+from radar_sense.model.track import attitude_of_motion
 from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, slices
 
 if TYPE_CHECKING:
@@ -38,7 +38,8 @@ class Route(ReadOnly):
     Attributes:
         time_s: Time of each pose (n,) [s], strictly increasing.
         aircraft: States (n, 6).
-        covariance: C_aa of each pose (n, 6, 6), or None if the route has none.
+        covariance: C_aa of each pose (n, 6, 6), relative to north, east and down at the aircraft,
+            or None if the route has none.
         attitude_given: Whether attitude was given, and not derived from the track.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
             for a route in latitude and longitude. None for any other route, with the same level
@@ -138,7 +139,7 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     "Animating rotation with quaternion curves", SIGGRAPH 1985). Unlike interpolated Euler angles,
     the result does not depend on the frame. There is no singularity at a pitch of 90° or a yaw of
     180°. Covariances are interpolated linearly, which keeps them semidefinite. They are relative to
-    north, east and down at the aircraft for this, so that the origin of the frame changes nothing.
+    north, east and down at the aircraft, so that the origin of the frame changes nothing.
 
     The step [s] counts from the first pose on. The last pose of the route is always kept, so the
     last interval may be shorter than a step.
@@ -194,34 +195,20 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
             turn = geodesy.turn_to_origin(place, route.origin)
             attitude = geodesy.turned_attitude(attitude, turn)
     aircraft = np.hstack([position, attitude])
-    covariance = _covariance(route, time, aircraft)
-    return Route(time, aircraft, covariance, route.attitude_given, route.origin)
+    return Route(time, aircraft, _covariance(route, time), route.attitude_given, route.origin)
 
 
-def _covariance(route: Route, time: FloatArray, aircraft: FloatArray) -> FloatArray | None:
-    """Return C_aa (n, 6, 6), linear between poses relative to north, east, down at the aircraft."""
+def _covariance(route: Route, time: FloatArray) -> FloatArray | None:
+    """Return C_aa (n, 6, 6), linear between poses."""
     if route.covariance is None:
         return None
     leg, fraction = _leg(route.time_s, time)
     covariance = np.empty((len(time), 6, 6))
     for block in slices(len(time)):
-        before, after = (_at_aircraft(route, rows) for rows in (leg[block], leg[block] + 1))
+        before, after = (route.covariance[leg[block] + end] for end in (0, 1))
         weight = fraction[block, np.newaxis, np.newaxis]
-        found = (1.0 - weight) * before + weight * after
-        if route.origin is not None:
-            found = covariance_in_frame(found, time[block], aircraft[block], route.origin)
-        covariance[block] = found
+        covariance[block] = (1.0 - weight) * before + weight * after
     return covariance
-
-
-def _at_aircraft(route: Route, rows: NDArray[np.intp]) -> FloatArray:
-    """Return C_aa (k, 6, 6) of poses (k,), relative to north, east, down at the aircraft."""
-    assert route.covariance is not None
-    covariance = route.covariance[rows]
-    if route.origin is None:
-        return covariance
-    time, aircraft = route.time_s[rows], route.aircraft[rows]
-    return covariance_in_frame(covariance, time, aircraft, route.origin, back=True)
 
 
 def _leg(times: FloatArray, at: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -40,6 +41,10 @@ def build(file: sections.File, again: Callable[[Mapping[str, Any]], Scenario]) -
         _refuse_collision(file.geometry.place, geometry.whole, radar)
         _refuse_uncovered(file.geometry.place, geometry.whole, radar)
     geometry = _with_covariance(file.uncertainty, geometry)
+    try:
+        geometry.covariance_in_frame  # noqa: B018 - it may have none
+    except InputError as error:
+        raise file.geometry.place.error(f"{error}") from error
     scenario = Scenario(
         name=file.name,
         radars=radars,
@@ -140,10 +145,7 @@ def _with_covariance(stated: sections.Uncertainty, geometry: Geometry) -> Geomet
             "missing key 'aircraft', required unless the route file has std_..."
         )
     matrix = covariance_of(own, {"position_m": (3, 1.0), "attitude_deg": (3, DEG)})
-    try:
-        return geometry.with_covariance(matrix)
-    except InputError as error:
-        raise own.place.error(f"{error}") from error
+    return dataclasses.replace(geometry, covariance=matrix)
 
 
 def _rcs_db(stated: sections.PoseUncertainty | None, rcs: Mapping[str, RCS]) -> float:

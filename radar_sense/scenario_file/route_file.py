@@ -34,12 +34,7 @@ from radar_sense.covariance import first_wrong
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG, Limit, check_parameters
 from radar_sense.model import geodesy
-from radar_sense.model.track import (
-    ATTITUDE_COLUMNS,
-    attitude_of_motion,
-    covariance_in_frame,
-    motion_of_samples,
-)
+from radar_sense.model.track import ATTITUDE_COLUMNS, attitude_of_motion, motion_of_samples
 from radar_sense.model.trajectory import MIN_STEP, Route
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.table_file import Column, TableFile, open_data
@@ -201,10 +196,8 @@ def read_route(
         attitude = attitude_of_motion(track.source, place, velocity, acceleration, origin)
     if origin is not None:
         attitude = geodesy.turned_attitude(attitude, geodesy.turn_to_origin(place, origin))
-    aircraft, covariance = np.hstack([position, attitude]), track.covariance
-    if origin is not None and covariance is not None:
-        covariance = covariance_in_frame(covariance, time, aircraft, origin, source=track.source)
-    return Route(time, aircraft, covariance, track.attitude is not None, origin)
+    aircraft = np.hstack([position, attitude])
+    return Route(time, aircraft, track.covariance, track.attitude is not None, origin)
 
 
 def _read(file: TextFile, stated: sections.Path) -> Track:

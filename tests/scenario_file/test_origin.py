@@ -10,6 +10,7 @@ import pytest
 from helpers import csv_text, few_draws, single, with_arrays, write_path
 from routes import GEO, STD, geodetic, load, ned
 from scenario_file.earth import DEG, height_of, sees, to_ned
+from scenario_file.refused import refused
 
 import radar_sense as rs
 from radar_sense.coverage.grid import Grid, p_d_in_cells, pose_in_cells
@@ -50,6 +51,17 @@ CERTAIN = {"a": np.zeros((4, 4))}
 def level_to(yaw):
     """Return errors of an aircraft that knows level better than north."""
     return {"position_m": 10, "attitude_deg": [0.1, 0.1, yaw]}
+
+
+@pytest.mark.parametrize("stds", [[], STD])
+def test_a_nose_straight_down_is_refused_where_the_file_is_read(tmp_path, stds):
+    """Level flight a quarter around the earth is straight down for the origin."""
+    rows = [(0.0, 0, 0, 100, 0, 0, 90), (7.5, 0, 90, 100, 0, 0, 90)]
+    rows = [(*row, *([1] * len(stds))) for row in rows]
+    uncertain = {} if stds else {"aircraft": AIRCRAFT}
+    names = WITH_ATTITUDE + "".join(f",{name}" for name in stds)
+    with refused("scenario.yaml:... geometry: at time_s 7.5 ... straight up or down"):
+        written(tmp_path, [(0, 1, 15)], rows, (0, 0, 0), stds=names, **uncertain)
 
 
 @pytest.mark.parametrize(

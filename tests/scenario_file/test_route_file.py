@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from radar_sense import states
 from radar_sense.covariance import problem
 from radar_sense.model import geodesy as wgs84
+from radar_sense.model.track import covariance_in_frame
 from radar_sense.model.trajectory import resample
 from radar_sense.scenario_file import table_file
 
@@ -112,6 +113,11 @@ def test_places_become_positions_about_the_origin():
     np.testing.assert_allclose(again.aircraft, found.aircraft, rtol=0, atol=1e-7)
 
 
+def in_frame(route):
+    """C_aa of a route in the frame of its origin."""
+    return covariance_in_frame(route.covariance, route.time_s, route.aircraft, route.origin)
+
+
 def test_attitude_and_covariance_of_the_aircrafts_level_are_turned():
     rng = np.random.default_rng(1)
     count = 30
@@ -126,6 +132,7 @@ def test_attitude_and_covariance_of_the_aircrafts_level_are_turned():
         },
         origin=ORIGIN,
     )
+    turned = in_frame(found)
     for i in range(count):
         # The pose of the file, with a small error along each of its six components.
         axes = wgs84.ned_axes(ORIGIN) @ wgs84.ned_axes(place[i]).T
@@ -144,9 +151,9 @@ def test_attitude_and_covariance_of_the_aircrafts_level_are_turned():
         jacobian = slopes / (2 * step) * units
         expected = jacobian @ covariance[i] @ jacobian.T
         scale = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
-        assert np.max(np.abs(found.covariance[i] - expected) / scale) < 3e-3  # of position: 1e-4 m
-        assert problem(found.covariance[i]) is None
-    np.testing.assert_array_equal(found.covariance, np.swapaxes(found.covariance, -1, -2))
+        assert np.max(np.abs(turned[i] - expected) / scale) < 3e-3  # of position: 1e-4 m
+        assert problem(turned[i]) is None
+    np.testing.assert_array_equal(turned, np.swapaxes(turned, -1, -2))
 
 
 def test_a_variance_of_zero_does_not_round_below_zero():
@@ -157,7 +164,7 @@ def test_a_variance_of_zero_does_not_round_below_zero():
     covariance = np.zeros((200, 6, 6))
     covariance[:, :3, :3] = 900 * axes[:, 0, :, np.newaxis] * axes[:, 0, np.newaxis, :]
     columns = {**geodetic(np.arange(200.0), place), **triangle(covariance)}
-    found = load(columns, origin=ORIGIN).covariance
+    found = in_frame(load(columns, origin=ORIGIN))
     np.testing.assert_allclose(found[:, 0, 0], 900, rtol=1e-12)
     variances = np.diagonal(found, axis1=-2, axis2=-1)
     assert np.all(variances >= 0)
@@ -173,10 +180,12 @@ def test_the_size_of_the_blocks_changes_nothing(monkeypatch):
     for block in (7, 2**14):
         monkeypatch.setattr(states, "BLOCK", block)
         path = load(columns, origin=ORIGIN)
-        found += [path, resample(path, 0.5), resample(path, 0.5, "smooth")]
-    for a, b in zip(found[:3], found[3:], strict=True):
+        paths = path, resample(path, 0.5), resample(path, 0.5, "smooth")
+        found += [(path, in_frame(path)) for path in paths]
+    for (a, own), (b, other) in zip(found[:3], found[3:], strict=True):
         same(a, b)
         np.testing.assert_array_equal(a.covariance, b.covariance)
+        np.testing.assert_array_equal(own, other)
 
 
 def test_a_covariance_of_roll_and_yaw_straight_up_is_refused():
@@ -186,8 +195,9 @@ def test_a_covariance_of_roll_and_yaw_straight_up_is_refused():
         **dict(zip(ATTITUDE, ([0, 0], [0, 0], [90, 90]), strict=True)),
     }
     load(columns, origin=(0.0, 0.0, 0.0))
-    with refused("route.csv: at time_s 7.5 ... straight up or down"):
-        load({**columns, **{name: [1, 1] for name in STD}}, origin=(0.0, 0.0, 0.0))
+    uncertain = load({**columns, **{name: [1, 1] for name in STD}}, origin=(0.0, 0.0, 0.0))
+    with refused("at time_s 7.5 ... straight up or down"):
+        in_frame(uncertain)
 
 
 def test_the_track_along_the_equator_is_level_where_the_aircraft_is():
