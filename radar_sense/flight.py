@@ -253,14 +253,11 @@ class Path(Geometry):
     @cached_property
     def route(self) -> Route:
         """The route that `at` interpolates, with covariances if each pose has its own."""
-        own = self.covariance.ndim == 3
-        if self.flight is None:
-            # the attitude is interpolated, and not derived from the track again
-            each = self.covariance if own else None
-            return Route(self.time_s, self.aircraft, each, True, self.origin)
-        if own or self.flight.covariance is None:
-            return self.flight
-        return dataclasses.replace(self.flight, covariance=None)
+        own = self.covariance if self.covariance.ndim == 3 else None
+        if self.flight is not None:
+            return dataclasses.replace(self.flight, covariance=None) if own is None else self.flight
+        # the attitude is interpolated, and not derived from the track again
+        return Route(self.time_s, self.aircraft, own, True, self.origin)
 
     @cached_property
     def whole(self) -> Path:

@@ -21,7 +21,7 @@ from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
-from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray, slices
+from radar_sense.states import AIRCRAFT, ATTITUDE, BLOCK, DOWN, POSITION, YAW, FloatArray, slices
 
 #: Nearest and farthest distance of the search [m].
 NEAREST, FARTHEST = 1.0, 5e6
@@ -42,8 +42,6 @@ INSIDE = 1.0 - 1e-9
 END = INSIDE * FARTHEST
 #: |z| of a P_D that is 0 or 1 to rounding.
 LARGEST_PROBIT = 40.0
-#: Rays computed at a time.
-_BLOCK = 64
 #: Evaluations of P_D that take as long as a ray with its band, which draws judge or replace.
 EVALUATIONS = {"linear": 10_000, "probit": 30_000, "form": 60_000, "automatic": 60_000}
 
@@ -232,7 +230,7 @@ def survey(all_rays: Rays) -> Survey:
     distance = np.geomspace(NEAREST, FARTHEST, SAMPLES)
     count = len(all_rays.bearing)
     p_d, visible = np.empty((count, SAMPLES)), np.empty((count, SAMPLES), dtype=bool)
-    for block in slices(count, _BLOCK):
+    for block in slices(count, BLOCK // SAMPLES):
         rays, radar = all_rays.part(block), all_rays.scenario.radar
         states = rays.states(np.broadcast_to(distance, (len(rays.bearing), SAMPLES)))
         p_d[block] = rays.scenario.model.p_d(states, radar)

@@ -121,13 +121,9 @@ class PulseSum:
         """Mean of a Poisson signal from which terms of the miss far from k = 0 suffice."""
         if math.isfinite(self.shape):
             return math.inf
-        k = self._far_count
+        k = max(_FAR, 2.0 * self.threshold)
         slope = self.threshold / (1.0 + self.threshold / self.reference)
         return k * (self.pulses + k) / (slope * (1.0 + (self.pulses + k) / self.reference))
-
-    @property
-    def _far_count(self) -> float:
-        return max(_FAR, 2.0 * self.threshold)
 
     @cached_property
     def _terms(self) -> _Terms:

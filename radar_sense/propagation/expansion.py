@@ -104,13 +104,9 @@ class RelativeProbit:
 
     @cached_property
     def _all_covariance(self) -> FloatArray:
-        states = self.states
-        count = max(len(states.cov_aircraft), len(states.cov_radar)) if len(states) else 0
-        to_relative = _to_relative(len(states.model.radars))
-        covariance = np.empty((count, len(to_relative), len(to_relative)))
-        covariance[:] = to_relative @ states.cov_aircraft @ to_relative.T
-        covariance[:, _RADARS, _RADARS] += states.cov_radar
-        return covariance
+        to_relative = _to_relative(len(self.states.model.radars))
+        of_aircraft = to_relative @ self.states.cov_aircraft @ to_relative.T
+        return of_aircraft + np.pad(self.states.cov_radar, [(0, 0), (3, 0), (3, 0)])
 
     @cached_property
     def visible(self) -> NDArray[np.bool_]:
