@@ -31,12 +31,12 @@ from radar_sense.states import (
     ATTENUATION_ERROR,
     CONSTANT,
     RADAR,
-    RADAR_AND_ERRORS,
     TILT_ERROR,
     FloatArray,
     ReadOnly,
     check_finite,
     read_only,
+    with_errors,
 )
 
 #: Whether a radar sees an aircraft whose position is uncertain, see `Radar.sight`.
@@ -217,8 +217,8 @@ class Radar(ReadOnly):
 
     def covariance(self, level: str) -> FloatArray:
         """Return C_rr (7, 7) at a level, with the errors of attenuation and tilt, see `states`."""
-        chosen, matrix = self.levels[level], np.zeros((len(RADAR_AND_ERRORS),) * 2)
-        matrix[: len(RADAR), : len(RADAR)] = chosen.covariance
+        chosen = self.levels[level]
+        matrix = with_errors(chosen.covariance, radars=1, axes=2)
         if chosen.attenuation_std:
             relative = chosen.attenuation_std / self.model.attenuation
             matrix[ATTENUATION_ERROR, ATTENUATION_ERROR] = relative**2

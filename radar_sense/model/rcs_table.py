@@ -102,7 +102,7 @@ class TableRCS(ReadOnly):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, read_only(name, getattr(self, name)))
         self._check()
-        around = _Axis.closed(self.azimuth)
+        around = _Axis.of(np.append(self.azimuth, self.azimuth[0] + math.tau), periodic=True)
         upward = None if self.elevation is None else _Axis.of(self.elevation, periodic=False)
         if self.envelope is None:
             cells = _interpolated(around, upward, np.log(self.rcs))
@@ -131,7 +131,7 @@ class TableRCS(ReadOnly):
         """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
         x, y, z = split(np.asarray(body_vector, dtype=float))
         with np.errstate(invalid="ignore"):  # NaN angles stay NaN
-            cell, u, v = self._place(np.arctan2(y, x), x, y, z)
+            cell, u, v = self._place(x, y, z)
             c = self._polynomials(cell)
             if v is None:
                 return np.exp(_horner(c, u))
@@ -142,7 +142,7 @@ class TableRCS(ReadOnly):
         x, y, z = split(np.asarray(body_vector, dtype=float))
         hh = x * x + y * y
         with np.errstate(divide="ignore", invalid="ignore"):
-            cell, u, v = self._place(np.arctan2(y, x), x, y, z)
+            cell, u, v = self._place(x, y, z)
             c = self._polynomials(cell)
             if v is None:
                 sigma = np.exp(_horner(c, u))
@@ -217,10 +217,10 @@ class TableRCS(ReadOnly):
             check_number("envelope in degrees", float(np.rad2deg(self.envelope)), ENVELOPE)
 
     def _place(
-        self, azimuth: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray
+        self, x: FloatArray, y: FloatArray, z: FloatArray
     ) -> tuple[NDArray[np.intp], FloatArray, FloatArray | None]:
         """Return the cell of each direction, and the angles from its edges."""
-        first = self._around.nodes[0]
+        azimuth, first = np.arctan2(y, x), self._around.nodes[0]
         # The first node is within a turn of −π, so one turn more or less is enough.
         azimuth = np.where(azimuth < first, azimuth + math.tau, azimuth)
         i, u = self._around.place(azimuth)
@@ -252,11 +252,6 @@ class _Axis:
     periodic: bool
     bins: NDArray[np.intp]
     per_radian: float
-
-    @classmethod
-    def closed(cls, azimuth: FloatArray) -> _Axis:
-        """Return the periodic axis of azimuths (n,) [rad]."""
-        return cls.of(np.append(azimuth, azimuth[0] + math.tau), periodic=True)
 
     @classmethod
     def of(cls, nodes: FloatArray, *, periodic: bool) -> _Axis:
