@@ -9,7 +9,7 @@ gradually from FORM to the draws, see `_gradual`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,8 +133,8 @@ class Automatic(Distribution):
     ) -> None:
         super().__init__(states)
         self.p_max, self._form = p_max, form or Form(states)
-        self._staged: dict[float, StagedDraws] = {}
-        self._bands: dict[float, tuple[FloatArray, FloatArray, FloatArray, Estimate]] = {}
+        self._staged = cache(lambda beta: StagedDraws(states, beta, p_max))
+        self._band = cache(self._judged_band)
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
@@ -160,25 +160,15 @@ class Automatic(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        by_form, staged = self._form.moments, self._staged_at(BETA)
-        found, *_ = judged(staged, by_form, of_moments, to_precision=True)
+        by_form = self._form.moments
+        found, *_ = judged(self._staged(BETA), by_form, of_moments, to_precision=True)
         mean, std = _gradual(np.stack(by_form), found)
         return mean, std
 
-    def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:
+    def _judged_band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:
         """Return lower and upper bound at β, their standard error (k,), and the draws."""
-        if beta not in self._bands:
-            by_form = self._form.quantile(-beta), self._form.quantile(beta)
-            staged = self._staged_at(beta)
-            drawn, confirmed, _ = judged(staged, by_form, of_bounds, to_precision=True)
-            bounds, errors = drawn.bounds
-            lower, upper = np.where(confirmed, by_form, bounds)
-            error = np.where(confirmed, 0.0, np.max(errors, axis=0))
-            self._bands[beta] = lower, upper, error, drawn
-        return self._bands[beta]
-
-    def _staged_at(self, beta: float) -> StagedDraws:
-        """Return the draws for the bounds at ±β."""
-        if beta not in self._staged:
-            self._staged[beta] = StagedDraws(self.states, beta, self.p_max)
-        return self._staged[beta]
+        by_form = self._form.quantile(-beta), self._form.quantile(beta)
+        drawn, confirmed, _ = judged(self._staged(beta), by_form, of_bounds, to_precision=True)
+        bounds, errors = drawn.bounds
+        lower, upper = np.where(confirmed, by_form, bounds)
+        return lower, upper, np.where(confirmed, 0.0, np.max(errors, axis=0)), drawn

@@ -62,8 +62,7 @@ class Band:
     def of(cls, found: Distribution, beta: float) -> Band:
         """Return the values of a distribution, with bounds at Φ(−β) and Φ(β)."""
         lower, upper = found.quantile(-beta), found.quantile(beta)
-        error = found.error(beta) + np.zeros(len(lower))
-        drawn = None
+        error, drawn = found.error(beta), None
         if isinstance(found, Automatic) and not np.isnan(found.p_max):
             drawn = found.drawn(beta)
         return Band(p_d=found.p_d, lower=lower, upper=upper, error=error, drawn=drawn)

@@ -49,9 +49,9 @@ class Distribution:
         """Return the quantile of P_D (k,) at Φ(β)."""
         raise NotImplementedError
 
-    def error(self, beta: float) -> FloatArray | float:
+    def error(self, beta: float) -> FloatArray:
         """Return the standard error of the quantiles at ±β (k,), 0 without draws."""
-        return 0.0
+        return np.zeros(len(self.states))
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,)."""
@@ -59,7 +59,7 @@ class Distribution:
 
     def with_covariances(self, changed: UncertainStates) -> Distribution:
         """Return the distribution for the same states with other covariances."""
-        raise NotImplementedError
+        return type(self)(changed)
 
 
 def normal_exceedance(mean: FloatArray, std: FloatArray, limit: float) -> FloatArray:

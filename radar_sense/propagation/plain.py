@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
-from radar_sense.propagation.draws import Estimate, estimate, tail_probability
+from radar_sense.propagation.draws import estimate, tail_probability
 from radar_sense.propagation.moments import BETA, Distribution
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
@@ -17,7 +17,7 @@ class PlainDraws(Distribution):
 
     def __init__(self, states: UncertainStates) -> None:
         super().__init__(states)
-        self._by_beta: dict[float, Estimate] = {}
+        self._drawn = cache(lambda beta: estimate(states, states.runs, beta, plain=True))
 
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
@@ -36,12 +36,3 @@ class PlainDraws(Distribution):
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,)."""
         return tail_probability(self.states, self.states.runs, BETA, p_max, plain=True)[0]
-
-    def with_covariances(self, changed: UncertainStates) -> PlainDraws:
-        """Return the method for the same states with other covariances."""
-        return PlainDraws(changed)
-
-    def _drawn(self, beta: float) -> Estimate:
-        if beta not in self._by_beta:
-            self._by_beta[beta] = estimate(self.states, self.states.runs, beta, plain=True)
-        return self._by_beta[beta]
