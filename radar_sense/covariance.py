@@ -92,11 +92,15 @@ def checked(whose: str, covariance: ArrayLike, size: int | None = None) -> Float
 
 
 def block_diagonal(covariances: Sequence[FloatArray]) -> FloatArray:
-    """Return the covariance (mn, mn) of m independent states from their covariances (n, n)."""
-    size = len(covariances[0])
-    total = np.zeros((len(covariances) * size, len(covariances) * size))
-    for i, matrix in enumerate(covariances):
-        total[i * size : (i + 1) * size, i * size : (i + 1) * size] = matrix
+    """Return the covariance (n, n) of independent states from the covariance of each.
+
+    `scipy.linalg` has this too, and is slow to import.
+    """
+    ends = np.cumsum([len(matrix) for matrix in covariances])
+    total = np.zeros((ends[-1], ends[-1]))
+    for matrix, end in zip(covariances, ends, strict=True):
+        own = slice(end - len(matrix), end)
+        total[own, own] = matrix
     return total
 
 

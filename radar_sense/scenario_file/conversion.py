@@ -7,7 +7,6 @@ from pathlib import Path as FilePath
 from typing import TypeAlias, TypeVar
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from radar_sense import covariance
 from radar_sense.errors import InputError
@@ -93,7 +92,7 @@ def covariance_of(
             blocks.append(_matrix(value, place[name]))
         else:
             blocks.append(np.diag(np.square(np.broadcast_to(value, size))))
-    return np.asarray(block_diag(*blocks) * np.outer(units, units))
+    return covariance.block_diagonal(blocks) * np.outer(units, units)
 
 
 def _matrix(rows: Sequence[Sequence[float]], place: Place) -> FloatArray:
