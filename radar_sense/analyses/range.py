@@ -35,6 +35,7 @@ from radar_sense.states import DOWN, YAW, FloatArray
 from radar_sense.words import (
     add_axis,
     band_off,
+    describe_poses,
     gathered,
     heading,
     level_and_method,
@@ -230,7 +231,7 @@ def _summary(at: RangeAt) -> dict[str, Any]:
         "limited": int(np.count_nonzero(at.reach.limited)),
         "none": int(np.count_nonzero(at.slant == 0)),
         "no_value": int(np.count_nonzero(np.isnan([at.std, at.lower, at.upper]).any(axis=0))),
-        "share": at.shares,
+        "share": at.shares(),
     }
 
 
@@ -245,13 +246,15 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
             place = f"every {axis.name}"
         upper = f"up to {_km(at.upper[highest])} at {place}"
         return [f"at no range of the nominal states; the upper bound ({k:g} sigma) is {upper}"]
-    least, greatest = (int(f(at.slant)) for f in (np.argmin, np.argmax))
-    first = f"{_km(at.slant[least])} at "
-    alike = np.ptp(at.slant) <= ALIKE * at.slant[greatest]
+    least, greatest = at.slant.min(), at.slant.max()
+    alike = greatest - least <= ALIKE * greatest
     if alike:
-        first += f"every {axis.name}"
+        first = f"{_km(greatest)} at every {axis.name}"
     else:
-        first += f"{axis.at(least)} to {_km(at.slant[greatest])} at {axis.at(greatest)}"
+        first = " to ".join(
+            f"{_km(end)} {describe_poses(abs(at.slant - end) <= ALIKE * greatest, axis)}"
+            for end in (least, greatest)
+        )
     width = at.upper - at.lower
     if not np.isfinite(width).any():
         return [first]
@@ -260,10 +263,10 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
         return [first] if at.reach.endless[widest] else [first, "the band has no width"]
     middle, lower, upper = (_km(x[widest]) for x in (at.slant, at.lower, at.upper))
     band = f"between {lower.removesuffix(' km')} and {upper} ({k:g} sigma)"
-    shares = sorted(at.shares.items(), key=lambda item: -item[1])
+    shares = sorted(at.shares([widest]).items(), key=lambda item: -item[1])
     sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
     end = f"; from {listed(sources)}" if sources else ""
-    if alike and np.ptp(width) <= ALIKE * at.slant[greatest]:
+    if alike and np.ptp(width) <= ALIKE * greatest:
         return [f"{first}, {band}{end}"]
     return [first, f"{middle}, {band}, where the band is widest, at {axis.at(widest)}{end}"]
 

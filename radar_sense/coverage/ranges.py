@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,18 +24,19 @@ from radar_sense.coverage.rays import (
     reach_of_quantile,
 )
 from radar_sense.model.radar import ALWAYS, NEVER
-from radar_sense.propagation import AUTOMATIC
+from radar_sense.propagation import AUTOMATIC, STD_CHANGE, distribution
 from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.draws import tail_probability
 from radar_sense.propagation.staged import FIRST, FURTHER, MANY, PRECISE
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 
-#: Nodes ±√3 and 0 of the Gauss-Hermite rule of three points, exact for polynomials up to degree 5
-#: (M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions, 1964, 25.4.46).
-NODE = math.sqrt(3.0)
-#: Half the width in σ of the band in which the range must be a smooth function for σ by this rule.
+#: Half the width in σ of the band whose ranges make σ.
 WIDEST = 3.0
+#: Nodes and weights (16,) of integrals from −1 to 1.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+#: Relative standard error of σ by the draws that find it, as of a normal number.
+ERROR_OF_STD = 1.0 / math.sqrt(2.0 * FIRST)
 #: Relative step of the distance for the slope of P_D along a ray. The error is the square.
 _STEP = 1e-5
 #: Draws at both sides of an end of a band, and more where these do not tell whether it is between.
@@ -71,10 +72,9 @@ class RangeAt:
     by_source: Mapping[str, FloatArray]
     unreliable: NDArray[np.bool_]
 
-    @property
-    def shares(self) -> dict[str, float]:
-        """Share of each source in the variance of the range, averaged over the angles."""
-        variances = {name: std**2 for name, std in self.by_source.items()}
+    def shares(self, rows: Sequence[int] | slice = slice(None)) -> dict[str, float]:
+        """Return the share of each source in the variance of the range, averaged over angles."""
+        variances = {name: std[rows] ** 2 for name, std in self.by_source.items()}
         total = np.sum(list(variances.values()), axis=0)
         known = total > 0
         if not known.any():
@@ -102,7 +102,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         confirmed = [_confirmed(around, _along(around, end), value, beta) for end, beta in ends]
         unreliable = exists & ~np.all(confirmed, axis=0)
     else:
-        lower, upper, std, unreliable = _band(seen, value, slant, method, k)
+        lower, upper, std, unreliable = _band(seen, value, method, k)
     defined = exists & ~reach.limited & ~reach.endless
     by_source = {
         name: np.where(defined, source.std / abs(slope), np.nan)
@@ -113,36 +113,41 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
 
 
 def _band(
-    seen: Survey, value: float, slant: FloatArray, method: str, k: float
+    seen: Survey, value: float, method: str, k: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return bounds and σ (n,) of the slant range (n,), and where they are not reliable."""
-    around, betas = seen.all_rays, (-k, k, -NODE, NODE)
-    smooth = "form" if method == AUTOMATIC else method
-    different = {*betas, -WIDEST, WIDEST}
-    by_method = {beta: reach_of_quantile(seen, value, smooth, beta) for beta in different}
-    ends = [by_method[beta].copy() for beta in betas]  # draws change some
-    hidden = np.zeros(len(slant))
-    nowhere = np.flatnonzero(np.any([end == 0 for end in ends], axis=0))
+    """Return bounds and σ (n,) of the slant range, and where they are not reliable."""
+    around, smooth = seen.all_rays, "form" if method == AUTOMATIC else method
+    betas = {-k, k, -WIDEST, WIDEST}
+    ends = {beta: reach_of_quantile(seen, value, smooth, beta) for beta in betas}
+    off, hidden = {}, np.zeros(len(seen.p_d))
+    nowhere = np.flatnonzero(np.any([end == 0 for end in ends.values()], axis=0))
     if nowhere.size:
         hidden[nowhere] = _hidden(seen.part(nowhere), value, smooth, k)
-    off = np.zeros((len(betas), len(slant)), dtype=bool)
-    for end, beta, wrong in zip(ends, betas, off, strict=True):
-        wrong[:] = np.where(end == 0, hidden > 0, ~_confirmed(around, end, value, beta))
+    for beta, end in ends.items():
+        wrong = np.where(end == 0, hidden > 0, ~_confirmed(around, end, value, beta))
         if method == AUTOMATIC:  # at a limit the end is not of the method, and errors may cross it
             wrong |= (end >= INSIDE * seen.limit) & (end > 0) & _limit_in_reach(around, end)
         rows = np.flatnonzero(wrong)
         if method == AUTOMATIC and rows.size:
             guess = np.where(end == 0, hidden, end)[rows]
             end[rows], wrong[rows] = _by_draws(seen.part(rows), guess, value, beta)
-        wrong &= ~np.isnan(end)  # which is said to have no value
-    lower, upper, first, last = map(around.slant_range, ends)
-    std = _std_of_quantiles(first, slant, last)
-    # three nodes do not follow a limit within the band, or a range that there may not be
-    within = by_method[-WIDEST], by_method[WIDEST], *ends[2:]
-    cut = [(end == 0) | _limit_in_reach(around, end) for end in within]
-    std[np.any(cut, axis=0)] = np.nan
-    of_std = np.any(off[2:], axis=0) & np.isfinite(std)
-    return lower, upper, std, np.any(off[:2], axis=0) | of_std
+        off[beta] = wrong & ~np.isnan(end)  # which is said to have no value
+    slant = {beta: around.slant_range(end) for beta, end in ends.items()}
+    # σ does not stand for a band that a limit cuts, or for a range that there may not be
+    widest = ends[-WIDEST], ends[WIDEST]
+    cut = np.any([(end == 0) | _limit_in_reach(around, end) for end in widest], axis=0)
+    std, of_std, rows = (
+        np.full(len(cut), np.nan),
+        np.zeros(len(cut), dtype=bool),
+        np.flatnonzero(~cut),
+    )
+    if rows.size:
+        between = around.part(rows), slant[-WIDEST][rows], slant[WIDEST][rows]
+        std[rows] = drawn = _std(*between, value, AUTOMATIC)
+        if method != AUTOMATIC:
+            std[rows] = _std(*between, value, method)
+            of_std[rows] = abs(std[rows] - drawn) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * drawn
+    return slant[-k], slant[k], std, off[-k] | off[k] | of_std
 
 
 def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
@@ -158,11 +163,26 @@ def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
     return np.asarray(np.max(samples, axis=1, where=seen_at, initial=0.0))
 
 
-def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return the standard deviation (n,) of a function of a normal number, from three nodes."""
-    mean = (lower + 4.0 * middle + upper) / 6.0
-    variance = ((lower - mean) ** 2 + 4.0 * (middle - mean) ** 2 + (upper - mean) ** 2) / 6.0
-    return np.sqrt(variance)
+def _std(
+    around: Rays, lower: FloatArray, upper: FloatArray, value: float, method: str
+) -> FloatArray:
+    """Return σ (n,) of the slant range, from P(P_D > value) by a method between two ends (n,).
+
+    A range is above r with the probability that P_D at r exceeds the value, see
+    `reach_of_quantile`. Its moments are integrals of this probability.
+    """
+    half = (upper - lower)[:, np.newaxis] / 2.0
+    above_lower = half * (1.0 + _NODES)
+    each = around.part(np.repeat(np.arange(len(lower)), len(_NODES)))
+    distance = _along(each, (lower[:, np.newaxis] + above_lower).ravel())
+    if method == AUTOMATIC:
+        states = each.at(distance, limits=True).states()
+        above, _ = tail_probability(states, FIRST, WIDEST, value)
+    else:
+        above = distribution(each.at(distance), method).exceedance(value)
+    weighted = half * _WEIGHTS * above.reshape(above_lower.shape)
+    mean, square = np.sum(weighted, axis=1), np.sum(2.0 * above_lower * weighted, axis=1)
+    return np.asarray(np.sqrt(np.maximum(square - mean**2, 0.0)))
 
 
 def _along(around: Rays, slant: FloatArray) -> FloatArray:

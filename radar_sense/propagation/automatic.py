@@ -171,4 +171,5 @@ class Automatic(Distribution):
         drawn, confirmed, _ = judged(self._staged(beta), by_form, of_bounds, to_precision=True)
         bounds, errors = drawn.bounds
         lower, upper = np.where(confirmed, by_form, bounds)
+        lower = np.where(bounds[0] > 0, lower, bounds[0])  # out of sight P_D is 0, and not P_fa
         return lower, upper, np.where(confirmed, 0.0, np.max(errors, axis=0)), drawn
