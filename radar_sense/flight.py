@@ -252,10 +252,10 @@ class Path(Geometry):
 
     @cached_property
     def route(self) -> Route:
-        """The route that `at` interpolates, with covariances if each pose has its own."""
-        own = self.covariance if self.covariance.ndim == 3 else None
+        """The route that `at` interpolates."""
         if self.flight is not None:
-            return dataclasses.replace(self.flight, covariance=None) if own is None else self.flight
+            return self.flight
+        own = self.covariance if self.covariance.ndim == 3 else None
         # the attitude is interpolated, and not derived from the track again
         return Route(self.time_s, self.aircraft, own, True, self.origin)
 
@@ -273,13 +273,15 @@ class Path(Geometry):
 
     def at(self, coordinate: FloatArray) -> Path:
         """Return the path at other times (k,) [s] within its own."""
-        poses = interpolate(self.route, coordinate, self.method)
+        poses, covariance = interpolate(self.route, coordinate, self.method), self.covariance
+        if covariance.ndim == 3 and poses.covariance is not None:
+            covariance = poses.covariance
         values = np.interp(coordinate, self.time_s, self.axis.values)
         return dataclasses.replace(
             self,
             axis=dataclasses.replace(self.axis, values=values),
             aircraft=poses.aircraft,
-            covariance=self.covariance if poses.covariance is None else poses.covariance,
+            covariance=covariance,
             time_s=coordinate,
         )
 
