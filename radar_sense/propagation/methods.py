@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,9 @@ from radar_sense.propagation.staged import FIRST, StagedDraws
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates, uncertain_states
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 #: The method that is right, and the default; and the method of plain draws.
 AUTOMATIC, MONTE_CARLO = "automatic", "montecarlo"
@@ -72,12 +75,17 @@ class Band:
         """The arrays with a value for each pose, by name."""
         return {name: values for name, values in vars(self).items() if name != "drawn"}
 
-    def joined(self, other: Band, order: NDArray[np.intp]) -> Band:
-        """Return the bounds at the poses of both, this band's first, in some order of these."""
+    def at(self, rows: NDArray[np.intp]) -> Self:
+        """Return the values at some poses (k,)."""
+        arrays = {name: values[rows] for name, values in self.arrays.items()}
+        return type(self)(**arrays, drawn=None if self.drawn is None else self.drawn.at(rows))
+
+    def joined(self, other: Band) -> Band:
+        """Return the bounds at the poses of both, this band's first."""
         names = ("p_d", "lower", "upper", "error")
-        both = {n: np.concatenate([getattr(self, n), getattr(other, n)])[order] for n in names}
+        both = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in names}
         drawn = [band.drawn for band in (self, other) if band.drawn is not None]
-        return Band(**both, drawn=Estimate.join(drawn).at(order) if len(drawn) == 2 else None)
+        return Band(**both, drawn=Estimate.join(drawn) if len(drawn) == 2 else None)
 
     def __repr__(self) -> str:
         names = ", ".join(self.arrays)
