@@ -105,11 +105,11 @@ class UncertainStates:
         return np.flatnonzero(uncertain)
 
     def blocks(self, numbers: int) -> Iterator[UncertainStates]:
-        """Yield blocks of poses for an algorithm that needs this many numbers a pose.
+        """Yield blocks of poses for an algorithm that needs this many numbers a pose."""
+        return self.cut(max(1, min(BLOCK, MAX_NUMBERS // numbers)))
 
-        It is one block if there are no poses.
-        """
-        size = max(1, min(BLOCK, MAX_NUMBERS // numbers))
+    def cut(self, size: int) -> Iterator[UncertainStates]:
+        """Yield parts with at most this number of poses, one part if there are no poses."""
         if len(self) <= size:
             yield self
             return

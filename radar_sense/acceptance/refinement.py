@@ -131,7 +131,7 @@ def refined(
         if new.size:
             place = np.concatenate([place, new])
             ranked = np.argsort(order * place)
-            band = band.joined(propagate(along(scenario, new))).at(ranked)
+            band = Band.join([band, propagate(along(scenario, new))]).at(ranked)
             place = place[ranked]
         noise = 2.0 * np.maximum(band.error[1:], band.error[:-1])
         bends = bent(band.p_d) | bent(band.upper, noise)

@@ -5,8 +5,8 @@ To add a method, write a file with its class and add a row to `METHODS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from radar_sense.errors import InputError, check_choice, counted
 from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
+from radar_sense.progress import report
 from radar_sense.propagation.automatic import BOUND_CHANGE, Automatic, judged, of_bounds, of_moments
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.form import Form
@@ -26,7 +27,7 @@ from radar_sense.propagation.plain import PlainDraws
 from radar_sense.propagation.probit import Probit
 from radar_sense.propagation.staged import FIRST, StagedDraws
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray
+from radar_sense.states import BLOCK, FloatArray
 from radar_sense.uncertain_states import UncertainStates, uncertain_states
 
 if TYPE_CHECKING:
@@ -62,13 +63,24 @@ class Band:
     drawn: Estimate | None = None
 
     @classmethod
-    def of(cls, found: Distribution, beta: float) -> Band:
+    def of(cls, found: Distribution, beta: float) -> Self:
         """Return the values of a distribution, with bounds at Φ(−β) and Φ(β)."""
         lower, upper = found.quantile(-beta), found.quantile(beta)
         error, drawn = found.error(beta), None
         if isinstance(found, Automatic) and not np.isnan(found.p_max):
             drawn = found.drawn(beta)
-        return Band(p_d=found.p_d, lower=lower, upper=upper, error=error, drawn=drawn)
+        return cls(p_d=found.p_d, lower=lower, upper=upper, error=error, drawn=drawn)
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """Return the values at the poses of all parts, one part after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        names = [f.name for f in fields(cls) if f.name != "drawn"]
+        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        drawn = [part.drawn for part in parts if part.drawn is not None]
+        known = len(drawn) == len(parts)
+        return cls(**arrays, drawn=Estimate.join(drawn) if known else None)
 
     @property
     def arrays(self) -> dict[str, Any]:
@@ -79,13 +91,6 @@ class Band:
         """Return the values at some poses (k,)."""
         arrays = {name: values[rows] for name, values in self.arrays.items()}
         return type(self)(**arrays, drawn=None if self.drawn is None else self.drawn.at(rows))
-
-    def joined(self, other: Band) -> Band:
-        """Return the bounds at the poses of both, this band's first."""
-        names = ("p_d", "lower", "upper", "error")
-        both = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in names}
-        drawn = [band.drawn for band in (self, other) if band.drawn is not None]
-        return Band(**both, drawn=Estimate.join(drawn) if len(drawn) == 2 else None)
 
     def __repr__(self) -> str:
         names = ", ".join(self.arrays)
@@ -193,7 +198,8 @@ def band_of_scenario(
     scenario: Scenario, *, method: str, beta: float = BETA, p_max: float | None = None
 ) -> Band:
     """Return what `propagate_scenario` returns without mean and σ, which cost more."""
-    return Band.of(_distribution(scenario.states(), method, p_max), beta)
+    parts = _distributions(scenario.states(), method, p_max)
+    return Band.join([Band.of(found, beta) for found in parts])
 
 
 def unreliable_in_scenario(
@@ -245,18 +251,27 @@ def _moments(
     states: UncertainStates, method: str, beta: float, p_max: float | None = None
 ) -> Moments:
     beta = check_number("beta", beta, POSITIVE)
-    return Moments.of(_distribution(states, method, p_max), beta)
+    parts = _distributions(states, method, p_max)
+    return Moments.join([Moments.of(found, beta) for found in parts])
 
 
-def _distribution(states: UncertainStates, method: str, p_max: float | None) -> Distribution:
-    """Return the distribution of P_D by a method, and say what it takes if it is long."""
+def _distributions(
+    states: UncertainStates, method: str, p_max: float | None
+) -> Iterator[Distribution]:
+    """Yield the distributions of P_D by a method at parts of the poses."""
     check_choice("method", method, METHODS)
     if method == MONTE_CARLO:
         _foresee(states, states.runs, "fewer --runs")
-    if method != AUTOMATIC:
-        return METHODS[method](states)
-    _foresee(states, FIRST)
-    return Automatic(states, p_max=np.nan if p_max is None else p_max)
+    elif method == AUTOMATIC:
+        _foresee(states, FIRST)
+    done, poses = 0, len(states)
+    for part in states.cut(BLOCK):
+        if method == AUTOMATIC and p_max is not None:
+            yield Automatic(part, p_max=p_max)
+        else:
+            yield METHODS[method](part)
+        done += len(part)
+        report(f"poses propagated by {method}", done, poses)
 
 
 def _unreliable(

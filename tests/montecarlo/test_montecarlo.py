@@ -233,7 +233,7 @@ def test_statistics_are_those_of_all_draws(monkeypatch, workers):
     s, runs, shown = only_radar_constant(std=100.0, geometry__azimuth_deg=FEW), 8 * 130 + 3, []
     with listening(lambda *steps: shown.append(steps)):
         mc = monte_carlo(s, runs=runs, seed=5, workers=workers)
-    assert shown == [("runs", min(8 * (i + 1), runs), runs) for i in range(131)]
+    assert shown[1:] == [("runs", min(8 * (i + 1), runs), runs) for i in range(131)]
     sampler = montecarlo.Sampler(s.states())
     source = SAMPLERS["random"](5, 8, 13, s.states().radar_normals)
     draws, radars = [], []
