@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -10,6 +11,8 @@ from radar_sense.errors import InputError, describe
 
 #: Version of the keys of the JSON record, see docs/questions/use.md.
 RECORD = 1
+#: Relative difference of numbers that are equal but for rounding.
+ROUNDING = 1e-12
 #: Most lines of a section.
 MOST_LINES = 60
 #: What a record must have, see docs/questions/use.md.
@@ -63,7 +66,7 @@ def _changes(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for i, (one, other) in enumerate(zip(old, new, strict=True), start=1):
             yield from _changes(one, other, f"{path}[{i}]")
-    elif old != new:
+    elif old != new and not (_are_numbers(old, new) and math.isclose(old, new, rel_tol=ROUNDING)):
         yield path, old, new
 
 
@@ -76,5 +79,8 @@ def _shown(value: Any) -> str:
 
 def _by(old: Any, new: Any) -> str:
     """Return the difference of two numbers."""
-    numbers = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in (old, new))
-    return f" ({new - old:+.3g})" if numbers else ""
+    return f" ({new - old:+.3g})" if _are_numbers(old, new) else ""
+
+
+def _are_numbers(*values: Any) -> bool:
+    return all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in values)

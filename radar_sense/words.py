@@ -490,7 +490,7 @@ def table_warnings(scenario: Scenario) -> Iterator[str]:
     The standard deviation of the elevation is computed to first order.
     """
     aircraft, outside = scenario.aircraft, np.zeros(len(scenario.aircraft), dtype=bool)
-    covered = []
+    covered, reached_deg = [], []
     by_aircraft = np.moveaxis(square_root(scenario.cov_aircraft), -1, 0)
     for one, radar in zip(scenario.radars, scenario.radar_states, strict=True):
         table = one.model.rcs
@@ -506,15 +506,17 @@ def table_warnings(scenario: Scenario) -> Iterator[str]:
             above, below = map(elevation_of, ends)
             variance += (0.5 * (above - below)) ** 2
         elevation, std = elevation_of(body_vector(aircraft, radar)), np.sqrt(variance)
-        beyond = (elevation - 3 * std < least) | (elevation + 3 * std > most)
+        lowest, highest = elevation - 3 * std, elevation + 3 * std
+        beyond = (lowest < least) | (highest > most)
         outside |= beyond
         if beyond.any():
             covered.append(f"{np.rad2deg(low):g} to {np.rad2deg(high):g}")
+            reached_deg += np.rad2deg([lowest.min(), highest.max()]).clip(-90, 90).tolist()
     if covered:
         yield warning(
             "table-exceeded",
             f"the RCS table covers elevations from {listed(dict.fromkeys(covered))} deg; "
-            f"states within 3 sigma are beyond {describe_poses(outside, scenario.axis)} "
-            f"({np.count_nonzero(outside)} of {len(outside)} poses); the outermost values of the "
-            "table are used there",
+            f"states within 3 sigma, at {min(reached_deg):.1f} to {max(reached_deg):.1f} deg, are "
+            f"beyond {describe_poses(outside, scenario.axis)}; the outermost values of the table "
+            "are used there",
         )

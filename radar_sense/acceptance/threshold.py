@@ -208,17 +208,21 @@ class PathTest:
         return int(np.lexsort((-self.path.band.p_d, margin))[0])
 
 
-def path_test(scenario: Scenario, method: str, p_max: float, k: float, band: Band) -> PathTest:
+def path_test(
+    scenario: Scenario, method: str, p_max: float, k: float, band: Band, nominal: bool
+) -> PathTest:
     """Test P_D + kσ ≤ P_max at every pose of a scenario, and on a path also between the poses.
 
     The band is by the method, with bounds at Φ(k), and with p_max so that no draws are made twice.
+    P_D of the nominal states must be at most P_max too if it is part of the test, as it is of
+    P_D + kσ. It is no part of a test of P(P_D > P_max).
     """
 
     def propagate(path_scenario: Scenario) -> Band:
         return band_of_scenario(path_scenario, method=method, beta=k, p_max=p_max)
 
     path = refinement.resolve(scenario, propagate, p_max, band)
-    certain = path.band.p_d > p_max
+    certain = (path.band.p_d > p_max) & nominal
     # Draws change no verdict where P_D itself is above, but they may be the bound of `automatic`.
     rows = None if method == AUTOMATIC else np.flatnonzero(~certain)
     decision = decide(path.scenario, p_max, k, path.band.drawn, rows)

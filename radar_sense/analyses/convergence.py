@@ -18,7 +18,6 @@ from radar_sense.command import (
     Result,
     command,
 )
-from radar_sense.errors import counted
 from radar_sense.limits import Limit
 from radar_sense.montecarlo.convergence import (
     LEAST_STD,
@@ -116,8 +115,7 @@ def _cell(error: float, rate: float, random_runs_for_the_same: float) -> str:
 def _warnings(measured: Convergence) -> Iterator[str]:
     """Yield warnings of too few runs, of poses without σ of P_D, and of a σ that is not known."""
     if (count := len(measured.runs)) < RATE_SIZES:
-        shown = f"{counted(count, 'number')} of runs"
-        text = f"{shown} can hardly show a rate; take {2**RATE_SIZES} runs or more"
+        text = f"too few numbers of runs for a rate: {count}; take {2**RATE_SIZES} runs or more"
         yield warning("runs-few", text)
     zero = ~(measured.reference[1] > LEAST_STD)
     others = "" if zero.all() else "; the errors are of the other poses"

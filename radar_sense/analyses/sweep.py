@@ -81,7 +81,7 @@ def sweep(
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
         highest.append((*ends, np.max(moments.upper), 3.0 * np.max(moments.std)))
         if threshold is not None:
-            tests.append(path_test(one, method, threshold, k, moments))
+            tests.append(path_test(one, method, threshold, k, moments, probability is None))
         for text in (*words.validity_warnings(one, moments, k), *words.table_warnings(one)):
             found.append((axis.format(value), text))
         if len(highest) == 1:

@@ -69,7 +69,7 @@ def require_threshold(
     result passes if the test holds at every pose, and on a path also between the poses. The test at
     all of these is returned.
     """
-    tested = path_test(result.scenario, result.method, p_max, k, band)
+    tested = path_test(result.scenario, result.method, p_max, k, band, probability is None)
     rows, test = tested.path.rows, tested.test
     column = f"upper_{k:.12g}sigma"
     for name, values, meaning in (
@@ -208,7 +208,7 @@ def _remedy(tested: PathTest) -> str:
 def _why(tested: PathTest, goal: str) -> str:
     """Return whether P_D itself is above P_max, or only its bound."""
     test, axis, p_d = tested.test, tested.path.scenario.axis, tested.path.band.p_d
-    place = words.describe_poses(p_d > test.p_max, axis)
+    place = words.describe_poses((p_d > test.p_max) & test.violated, axis)
     if place:
         return f"P_D itself is above {test.p_max:g} {place}: no better knowledge helps there"
     if not tested.path.resolved:
@@ -238,13 +238,9 @@ def _probability_lines(tested: PathTest) -> list[str]:
             line,
             "P at some pose needs a path with times and uncertainty.aircraft_correlation_s",
         ]
-    scenario = tested.path.scenario
-    # between two poses the errors of the aircraft may be larger than at both
-    everywhere = scenario.geometry.continuous and not scenario.cov_aircraft.any()
-    where = "anywhere" if everywhere else f"at some pose of {len(axis)}"
-    line += (
-        f"; {words.probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} "
-        f"{where} ({runs.runs:,} runs, {_correlation(scenario)})"
+    line += (  # of a run P_D may be higher between two poses than at both
+        f"; {words.probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} at "
+        f"some pose of {len(axis)} ({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
     )
     return [line]
 

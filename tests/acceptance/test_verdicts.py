@@ -132,7 +132,7 @@ def test_draws_decide():
 def test_poses_between_rows_have_the_draws_of_the_poses_alone(tmp_path):
     s = past(tmp_path)
     band_of = partial(band_of_scenario, method="automatic", p_max=0.1)
-    path = path_test(s, "automatic", 0.1, 3.0, band_of(s)).path
+    path = path_test(s, "automatic", 0.1, 3.0, band_of(s), True).path
     assert path.added > 0
     whole = band_of(path.scenario)
     for name, values in vars(whole.drawn).items():
@@ -463,7 +463,7 @@ def test_p_d_above_the_threshold_is_violated_though_draws_are_below():
     aircraft = np.array([[*s.aircraft[0, :5], top]])
     s = with_arrays(s, aircraft=aircraft, cov_aircraft=only_yaw, cov_radar=certain)
     p_max = p_d(top) * (1 - 1e-10)
-    found = path_test(s, "automatic", p_max, 3.0, propagate_scenario(s, p_max=p_max))
+    found = path_test(s, "automatic", p_max, 3.0, propagate_scenario(s, p_max=p_max), True)
     assert found.decision.holds.all()
     assert found.test.verdict == "violated"
 
@@ -472,7 +472,7 @@ def test_a_path_that_is_not_resolved_does_not_hold(monkeypatch):
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 30, "step": 5})
     for most, verdict in ((20_000, "holds"), (1, "not known")):
         monkeypatch.setattr(refinement, "MAX_POSES", most)
-        found = path_test(s, "automatic", 0.97, 3.0, propagate_scenario(s, p_max=0.97))
+        found = path_test(s, "automatic", 0.97, 3.0, propagate_scenario(s, p_max=0.97), True)
         assert found.test.verdict == verdict
 
 
@@ -483,3 +483,27 @@ def test_runs_of_the_path_contradict_draws_that_missed_a_tail():
     for values in missed.above:
         values[:] = 0.0
     assert not decide(s, 0.5, 3.0, missed).holds.any()
+
+
+def test_a_probability_is_tested_alone():
+    """At the top of a lobe P_D itself is above a limit that errors of yaw rarely exceed."""
+    certain = {"position_m": 0, "constant": 0}
+    s = scenario(
+        geometry__azimuth_deg={"start": 22.5, "stop": 22.5, "step": 1},
+        aircraft__rcs={"model": "spikeball", "lobes": 8, "amplitude_m2": 0.03, "floor_m2": 0.01},
+        uncertainty={
+            "aircraft": {"position_m": 0, "attitude_deg": [0, 0, 5]},
+            "radar": {"medium": certain},
+        },
+    )
+    p_max = 0.99 * float(s.p_d()[0])
+    yaw = np.deg2rad(np.random.default_rng(1).normal(0, 5, 100_000))
+    drawn = np.repeat(s.aircraft, len(yaw), axis=0)
+    drawn[:, 5] += yaw
+    share = np.mean(s.model.p_d(drawn, s.radar) > p_max)
+    assert 0.2 < share < 0.35
+    for probability, verdict in ((1.3 * share, "holds"), (0.7 * share, "violated")):
+        result = analyses.variance(s, threshold=p_max, probability=probability, method="automatic")
+        assert result.summary["threshold"]["verdict"] == verdict
+    of_both = analyses.variance(s, threshold=p_max, k=0.6, method="automatic")
+    assert of_both.summary["threshold"]["verdict"] == "violated"

@@ -416,7 +416,7 @@ def test_the_command_says_where_draws_leave_the_table(tool, here):
     assert err == ""
     write(path.parent / "t.csv", *flat(-2, 30))
     _, _, err = tool("rcs", path, "--no-plot")
-    assert "the RCS table covers elevations from -2 to 30 deg; states within 3 sigma are" in err
+    assert "covers elevations from -2 to 30 deg; states within 3 sigma, at -3.3 to 2.7 deg, are" in err
 
 
 def test_the_summary_of_the_rcs():

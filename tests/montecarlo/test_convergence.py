@@ -150,7 +150,7 @@ def test_workers_do_not_change_a_bit_and_seeds_do(small):
 
 def test_too_few_runs_show_no_rate():
     few = convergence(scenario(**WEAK), runs=2)
-    assert any("1 number of runs can hardly show a rate; take 32" in w for w in few.warnings)
+    assert any("too few numbers of runs for a rate: 1; take 32" in w for w in few.warnings)
     assert "nan" not in "".join(few.report)
     assert "no rate" in few.report[2]
     assert np.isnan(few.summary["at_largest_runs"]["mean"]["random"]["rate"])

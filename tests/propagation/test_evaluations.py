@@ -123,10 +123,10 @@ def test_no_draws_are_made_where_p_d_itself_is_above_the_limit(count):
     s = problem(1)
     band = band_of_scenario(s, method="linear")
     p_max = 0.9 * float(band.p_d.min())
-    tested = path_test(s, "linear", p_max, 3.0, band)
+    tested = path_test(s, "linear", p_max, 3.0, band, True)
     assert tested.test.violated.all()
     poses = len(tested.path.scenario.aircraft)
-    _, values = count(lambda s: path_test(s, "linear", p_max, 3.0, band), s)
+    _, values = count(lambda s: path_test(s, "linear", p_max, 3.0, band, True), s)
     assert values * len(s.aircraft) - tested.decision.runs.runs * poses < FIRST
 
 
