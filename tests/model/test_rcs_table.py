@@ -13,7 +13,7 @@ import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.rcs import directions, pattern
 from radar_sense.model.geometry import body_vector
-from radar_sense.words import table_warnings
+from radar_sense.words import describe_poses, table_warnings
 
 DEG = np.pi / 180
 
@@ -416,7 +416,7 @@ def test_the_command_says_where_draws_leave_the_table(tool, here):
     assert err == ""
     write(path.parent / "t.csv", *flat(-2, 30))
     _, _, err = tool("rcs", path, "--no-plot")
-    assert "covers elevations from -2 to 30 deg; states within 3 sigma, at -3.3 to 2.7 deg, are" in err
+    assert "from -2 to 30 deg; states within 3 sigma, at -3.3 to 2.7 deg, are beyond" in err
 
 
 def test_the_summary_of_the_rcs():
@@ -502,14 +502,18 @@ def test_poses_beyond_the_table_are_counted(here):
     }
     write(here / "t.csv", *flat(-30, 30))
     s = scenario(**change)
-    least, greatest = np.sort([elevations_within_3_sigma(pose, s) for pose in s.aircraft], axis=0).T
+    ends = np.array([elevations_within_3_sigma(pose, s) for pose in s.aircraft])
+    least, greatest = np.sort(ends, axis=0).T
     for count in range(1, 5):
         end, other = least[count - 1 : count + 1].mean(), greatest[4 - count : 6 - count].mean()
         for low, high in ((end, 30), (-30, other)):
             rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in np.linspace(low, high, 9)]
             write(here / "t.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows)
             (line,) = table_warnings(scenario(**change))
-            assert f"({count} of 5 poses)" in line
+            beyond = (ends[:, 0] < low) | (ends[:, 1] > high)
+            assert np.count_nonzero(beyond) == count
+            reach = f"at {least[0]:.1f} to {greatest[-1]:.1f} deg"
+            assert f"{reach}, are beyond {describe_poses(beyond, s.axis)};" in line
     write(here / "t.csv", *flat(-2, 30))
     s = scenario(**change)
     for analysis in (analyses.variance, analyses.sensitivity, analyses.budget):
