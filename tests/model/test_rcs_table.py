@@ -517,7 +517,7 @@ def test_poses_beyond_the_table_are_counted(here):
     write(here / "t.csv", *flat(-2, 30))
     s = scenario(**change)
     for analysis in (analyses.variance, analyses.sensitivity, analyses.budget):
-        assert any("5 of 5 poses" in warning for warning in analysis(s).warnings)
+        assert any("beyond at all 5 poses" in warning for warning in analysis(s).warnings)
     write(here / "t.csv", *flat(-10, 30))
     assert not any("RCS table" in w for w in analyses.montecarlo(scenario(**change)).warnings)
 
