@@ -328,14 +328,16 @@ def _scan(scenario: Scenario) -> Iterator[str]:
 
 
 def _constant(scenario: Scenario) -> Iterator[str]:
-    """Yield a warning if sigma of a radar constant is above the constant itself."""
+    """Yield a warning if a radar constant is below zero within 3σ."""
     constant = scenario.radar_states[:, CONSTANT]
     variance = np.diagonal(scenario.cov_radar).reshape(-1, len(RADAR))
     std = np.sqrt(variance[:, CONSTANT])
     worst = int(np.argmax(std / constant))
-    if std[worst] > constant[worst]:
+    if 3.0 * std[worst] > constant[worst]:
         yield warning(
-            "uncertainty-large",
-            f"sigma of c_r of {_names(scenario)[worst]}, {std[worst]:.4g}, is above c_r itself, "
-            f"{constant[worst]:.4g}, at the level {scenario.level}: are both in the same unit?",
+            "constant-clipped",
+            f"c_r of {_names(scenario)[worst]} is {constant[worst]:.4g} with sigma "
+            f"{std[worst]:.4g} at the level {scenario.level}, so it counts as 0 in "
+            f"{ndtr(-constant[worst] / std[worst]):.1%} of the cases, where P_D is P_fa: give "
+            "tolerances in dB, or check the units",
         )

@@ -63,8 +63,8 @@ WARNINGS: dict[str, str] = {
         "converge. The file has NaN in these cells."
     ),
     "constant-clipped": (
-        "A radar constant was drawn below 0, which it cannot be, and was set to 0. Its standard "
-        "deviation is large for a normal distribution: give a tolerance in dB."
+        "The standard deviation of a radar constant is above a third of it. Draws below 0, which "
+        "it cannot be, are set to 0, and P_D is P_fa there: give tolerances in dB."
     ),
     "coverage-off": (
         "The share of the draws in the band is not 99.73 %, beyond what chance explains. The band "
@@ -156,8 +156,8 @@ WARNINGS: dict[str, str] = {
         "kilometres."
     ),
     "uncertainty-large": (
-        "A standard deviation is larger than the quantity itself: sigma of c_r above c_r, sigma "
-        "of the height above the height, or 3 sigma of P_D above 1. A unit is a likely reason."
+        "Sigma of the height is above the height: a unit is a likely reason. Or 3 sigma of P_D is "
+        "above 1, because errors cross a limit or a narrow lobe, or are in another unit."
     ),
 }
 #: Least probability that four digits show.
@@ -453,8 +453,8 @@ def _of_std(
     none, axis, large = ~np.isfinite(std), scenario.axis, (3 * std > 1) & ~off
     what = f"{scenario.method} has no value ({why})"
     yield from placed("no-value", none, axis, what, f": {remedy}")
-    units = ": are the uncertainties in their units?"
-    yield from placed("uncertainty-large", large, axis, "3 sigma of P_D is above 1", units)
+    why = ": P_D is near 0 or near 1, by a limit, a narrow lobe, or uncertainties in other units"
+    yield from placed("uncertainty-large", large, axis, "3 sigma of P_D is above 1", why)
 
 
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
@@ -475,13 +475,6 @@ def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
         else:
             lines.append(f"{listed(labels)}: {text}")
     return tuple(lines)
-
-
-def clipping_warnings(count: int) -> Iterator[str]:
-    """Yield a warning if radar constants were drawn below zero."""
-    if count:
-        text = f"the radar constant was drawn below zero and set to zero in {count} runs"
-        yield warning("constant-clipped", text)
 
 
 def table_warnings(scenario: Scenario) -> Iterator[str]:

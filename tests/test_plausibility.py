@@ -145,15 +145,16 @@ IMPLAUSIBLE = [
         sigma(2999),
     ),
     (
-        sigma_of_constant(168),
-        "sigma of c_r of the radar, 168, is above c_r itself, 167, at the level medium: are both "
-        "in the same unit? [uncertainty-large]",
-        sigma_of_constant(166),
+        sigma_of_constant(83.5),
+        "c_r of the radar is 167 with sigma 83.5 at the level medium, so it counts as 0 in 2.3% of "
+        "the cases, where P_D is P_fa: give tolerances in dB, or check the units "
+        "[constant-clipped]",
+        sigma_of_constant(55),
     ),
     # of the level in use only
     (
         sigma_of_constant(168),
-        "sigma of c_r of the radar, 168, is above",
+        "c_r of the radar is 167 with sigma 168 at the level medium, so it counts as 0 in 16.0%",
         sigma_of_constant(168, "high"),
     ),
     (  # P_D above its floor by a tenth of it is no reason

@@ -169,15 +169,16 @@ def _know_first(scenario: Scenario, found: Budget) -> list[str]:
     total = float(found.total.three_sigma[pose])
     if not first or words.probability(total) == "0":
         return []
-    names = words.listed(c.name for c in first)
+    names, place = words.listed(c.name for c in first), scenario.axis.at(pose)
     leaves = f"leaves {words.probability(remaining)}"
     if remaining > (1.0 - LEAST_GAIN) * total:
-        return [f"no source is worth a measurement: half of {names} {leaves}"]
-    share, whose = f", {first[0].share[pose]:.1%} of the variance of P_D", "its deviation"
+        return [f"no source is worth a measurement: half of {names} {leaves} at {place}"]
+    share, whose = first[0].share[pose], "its deviation"
+    part = "" if np.isnan(share) else f", {share:.1%} of the variance of P_D"
     if len(first) > 1:
-        share, whose = " equally,", "the deviation of one"
+        part, whose = " equally,", "the deviation of one"
     half = f"; half {whose} {leaves} of {words.probability(total)}"
-    answer = f"know better first: {names}{share} at {scenario.axis.at(pose)}"
+    answer = f"know better first: {names}{part} at {place}"
     return [answer if scenario.method == MONTE_CARLO else answer + half]
 
 

@@ -358,7 +358,6 @@ def _add_differences(
         "radar_constants_set_to_zero": clipped,
         "largest_difference": differences,
     }
-    result.warnings += words.clipping_warnings(clipped)
 
 
 def _draw(

@@ -79,7 +79,6 @@ def montecarlo(
         "largest_mean_shift": words.peak(abs(mc.mean - mc.band.p_d), axis),
         "radar_constants_set_to_zero": mc.clipped,
     }
-    result.warnings += words.clipping_warnings(mc.clipped)
     result.warnings += words.table_warnings(scenario)
     by = "" if method == "linear" else f" by {method}"
     label = rf"band of ${k:g}\,\sigma${by} ({scenario.level})"

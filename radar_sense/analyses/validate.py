@@ -106,7 +106,6 @@ def validate(scenario: Scenario, *, digits: int = 2, k: float = 3.0, workers: in
         "largest_distance_by_delta": largest,
     }
     result.report += _report(result, verdict, plain, digits, ratio)
-    result.warnings += words.clipping_warnings(plain.clipped)
     result.warnings += words.table_warnings(scenario)
     result.draw = partial(_draw, axis=axis, verdict=verdict, plain=plain, method=method)
     return result

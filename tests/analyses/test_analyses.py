@@ -100,14 +100,11 @@ def test_a_vanishing_gradient_is_warned_of():
     assert "misses aircraft_orientation at 0, 180 deg, where the gradient vanishes" in warning
 
 
-def test_negative_constants_are_reported():
+def test_negative_constants_are_counted():
     s = scenario(
         uncertainty__radar={"huge": {"position_m": 0, "constant": 100}}, analysis__level="huge"
     )
-    result = analyses.montecarlo(s)
-    count = result.summary["radar_constants_set_to_zero"]
-    assert count > 0
-    assert any(f"set to zero in {count} runs" in warning for warning in result.warnings)
+    assert analyses.montecarlo(s).summary["radar_constants_set_to_zero"] > 0
 
 
 def test_a_coverage_below_the_nominal_one_is_reported_with_its_interval():

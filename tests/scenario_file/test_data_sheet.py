@@ -32,7 +32,7 @@ def test_resolved_scenario_reads_back(tool, kind, level):
     code, out, err = tool("check", "my.yaml")
     assert code == 0
     # 0.1 as a number is above c_r of the tracking radar
-    assert err.endswith("[uncertainty-large]\n") == ((kind, level) == ("tracking", "number"))
+    assert err.endswith("[constant-clipped]\n") == ((kind, level) == ("tracking", "number"))
     first, again = load_scenario("my.yaml"), parse_scenario(out)
     assert again.resolved() == first.resolved()
     assert_same_scenario(again, first)
