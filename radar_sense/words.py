@@ -160,8 +160,8 @@ WARNINGS: dict[str, str] = {
         "above 1, because errors cross a limit or a narrow lobe, or are in another unit."
     ),
 }
-#: Least probability that four digits show.
-SHOWN = 5e-5
+#: Least probability that four digits show, and least probability that is not rounding.
+SHOWN, LEAST = 5e-5, 1e-6
 #: What to use in place of a band that is off, where a table has the draws.
 BY_DRAWS = "use the columns of the draws there"
 REMEDY = f"use --method {AUTOMATIC}"
@@ -250,10 +250,10 @@ def decibels(ratio: FloatArray) -> FloatArray:
 
 
 def probability(value: float) -> str:
-    """Return a probability or its 3σ in four digits; "0" below 1e-6, which is rounding."""
+    """Return a probability or its 3σ in four digits; "0" below `LEAST`."""
     if np.isnan(value):
         return "-"
-    if abs(value) < 1e-6:
+    if abs(value) < LEAST:
         return "0"
     return f"{value:.4f}" if abs(value) >= SHOWN else f"{value:.0e}"
 

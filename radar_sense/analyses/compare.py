@@ -107,10 +107,11 @@ def compare(
         f"  {'':10} {f'{k:g}-sigma bounds':28}{'sigma':28}{'mean'}",
     ]
     largest: dict[str, Any] = {}
-    told = []
+    bounds, told = {}, []
     for method, m in moments.items():
         found = {name: _difference(m, drawn, error, ends, axis) for name, ends in COMPARED.items()}
         largest[method] = {name: top for name, (top, *_) in found.items()}
+        *_, bounds[method] = found["bounds"]
         cells = "".join(f"{text:26}  " for *_, text in found.values())
         result.report.append(f"  {method:10} {cells.rstrip()}")
         if not plain and any(tells for _, tells, _ in found.values()):
@@ -143,7 +144,7 @@ def compare(
         farthest = {m: words.probability(largest[m]["bounds"]["value"]) for m in whole}
         best = [m for m in whole if farthest[m] == min(farthest.values(), key=float)]
         nearest = f"nearest to {draws:,} draws a pose: {words.listed(best)}"
-        result.report.insert(0, f"{nearest}, bounds within {farthest[best[0]]}")
+        result.report.insert(0, f"{nearest}, bounds within {bounds[best[0]]}")
     result.summary |= {
         "runs": draws,
         "k": k,
@@ -185,7 +186,7 @@ def _difference(
     values, by_draws, noise = (
         np.stack([getattr(x, name) for name in names]) for x in (m, drawn, error)
     )
-    distance, noise = abs(values - by_draws), np.maximum(ERRORS * noise, words.SHOWN)
+    distance, noise = abs(values - by_draws), np.maximum(ERRORS * noise, words.LEAST)
     top, told = words.peak(distance.max(axis=0), axis), bool((distance > noise).any())
     if np.isnan(top["value"]):
         return top, False, "undefined"

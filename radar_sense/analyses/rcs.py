@@ -154,7 +154,11 @@ def _add_extremes(
     for name, value in (("largest", np.nanmax(sigma)), ("smallest", np.nanmin(sigma))):
         at = np.isclose(sigma, value, rtol=ROUNDING, atol=0.0)
         columns, rows = np.any(at, axis=0), np.any(at, axis=1)
-        if rows[~poles].any():
+        row, column = np.argwhere(at)[0]
+        if not np.array_equal(at[~poles], np.outer(rows, columns)[~poles]):
+            first = f"azimuth {azimuth[column]:g}, elevation {elevation[row]:g} deg"
+            place = f"in {np.count_nonzero(at)} directions, the first at {first}"
+        elif rows[~poles].any():
             rows |= poles & rows[~poles].all()
             place = f"at {_in_words('azimuth', azimuth, columns, 'any azimuth')}, "
             place += _in_words("elevation", elevation, rows, every)
@@ -163,7 +167,6 @@ def _add_extremes(
             place = f"straight {' and '.join(ways)}"
         shown = decibels(np.array(value)).round(1) + 0.0  # + 0.0 makes -0 a 0
         result.report.append(f"{name} RCS {shown} dBsm {place}")
-        row, column = np.argwhere(at)[0]
         result.summary[name] = {
             "rcs_m2": float(value),
             "azimuth_deg": float(azimuth[column]),

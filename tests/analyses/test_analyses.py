@@ -444,3 +444,31 @@ def test_a_table_by_azimuth_only_is_the_same_at_any_elevation(tool, elevations):
     # a table says nothing beyond its elevations
     end = "any elevation" if flat else "any elevation of the table"
     assert f"largest RCS 4.8 dBsm at azimuth -180 deg, {end}\n" in out
+
+
+@pytest.mark.all_draws
+def test_compare_tells_methods_apart_where_p_d_is_small():
+    """A bound of 1e-5 that is off by a factor of ten is off, though four digits show 0."""
+    s = scenario(
+        radar__p_fa=1e-8,
+        radar__detector="swerling1",
+        aircraft__rcs={"model": "constant", "rcs_m2": 0.1},
+        geometry__range_km=1300,
+        geometry__azimuth_deg={"start": 90, "stop": 90, "step": 1},
+        uncertainty__radar={"medium": {"position_m": 10, "constant": 50}},
+    )
+    result = analyses.compare(s)
+    assert result.table["mc_upper"][0] < 5e-5
+    assert "linear" in result.summary["methods_told"]
+
+
+def test_an_extreme_on_a_cross_is_not_said_to_be_everywhere():
+    """An oblate body is smallest at elevation 0, and at any elevation from ahead and behind."""
+    disc = {"model": "ellipsoid", "a_m": 1.0, "b_m": 0.1, "c_m": 1.0}
+    result = analyses.rcs(scenario(aircraft__rcs=disc))
+    smallest = result.report[1]
+    sigma = result.table["rcs_m2"]
+    count = np.count_nonzero(np.isclose(sigma, sigma.min(), rtol=1e-9, atol=0))
+    assert smallest.startswith("smallest RCS -15.0 dBsm in ")
+    found = int(re.search(r"in (\d+) directions", smallest)[1])
+    assert count - 720 <= found <= count  # straight above and below are one direction each
