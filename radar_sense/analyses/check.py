@@ -18,7 +18,7 @@ from radar_sense.model.radar_constant import Tolerance, relative_std, shape
 from radar_sense.plausibility import banks
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, FloatArray
-from radar_sense.words import decibels, describe_poses
+from radar_sense.words import decibels, describe_poses, listed
 
 #: A smaller number of a summary is rounding, and stands as 0.
 ROUNDING = 1e-9
@@ -41,8 +41,8 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
     """Return the radar constants, the flight, and range and SNR of each radar, in lines.
 
     The flight has duration, length, speed, height and bank. The speed is the mean from row to row.
-    Ranges and SNR are without the limits of a radar. A radar whose horizon is not asked for has a
-    line where the aircraft is beyond it.
+    Ranges and SNR are without the limits of a radar. A radar whose limits hide the aircraft has a
+    line where they do, and one whose horizon is not asked for where the aircraft is beyond it.
     """
     lines, geometry = _constants(scenario), scenario.geometry
     scenario = scenario.along(geometry.whole)
@@ -62,6 +62,18 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         snr_db = decibels(radar.model.snr(scenario.aircraft, state))
         lines.append(f"{name}: range {_span(distance / 1e3)} km, SNR {_span(snr_db)} dB")
         horizon = geometry.horizon.range(scenario.aircraft, state)
+        hides = {
+            "max_range_km": distance > radar.max_range,
+            "min_range_km": distance < radar.min_range,
+            "horizon": (distance > horizon) & (radar.horizon is not None),
+        }
+        if radar.mask is not None:
+            hides["mask"] = radar.mask.clearance(scenario.aircraft, state) < 0
+        hidden = np.any([*hides.values()], axis=0)
+        if hidden.any():
+            limits = listed(limit for limit, mask in hides.items() if mask.any())
+            place = describe_poses(hidden, scenario.axis)
+            lines.append(f"{name}: out of sight {place}, by {limits}")
         # a height of 0 is a plane, not the ground
         beyond = (distance > horizon) & (distance <= radar.max_range) & (horizon > 0)
         if radar.horizon is None and beyond.any():

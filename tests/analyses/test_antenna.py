@@ -17,6 +17,7 @@ from scipy.special import erfc
 from scipy.stats import norm
 
 import radar_sense as rs
+from radar_sense.analyses.check import overview
 from radar_sense.errors import InputError
 from radar_sense.model.radar import ALWAYS, NEVER
 from radar_sense.propagation import propagate_scenario
@@ -151,6 +152,7 @@ def test_a_mask_hides_what_is_below_it(tmp_path):
     files(tmp_path)
     azimuths = {"start": 0, "stop": 359, "step": 1}
     s = made(tmp_path, radar__mask="mask.csv", geometry__azimuth_deg=azimuths)
+    assert any(line.endswith(", by mask") for line in overview(s))
     free = made(tmp_path, geometry__azimuth_deg=azimuths)
     elevation = math.degrees(math.atan2(8, DISTANCE / 1e3))
     seen = np.array([elevation >= lowest(a) for a in range(360)])

@@ -96,9 +96,12 @@ def test_an_aircraft_beyond_the_horizon(tool):
             {"radar__max_range_km": 225},
         )
     )
-    low, hidden = scenario(geometry__down_km=0), scenario(radar__horizon=True)
-    for seen in (near, raised, limited, low, hidden):
+    for seen in (near, raised, limited, scenario(geometry__down_km=0)):
         assert "horizon" not in " ".join(overview(seen))
+    hidden = scenario(radar__horizon=True, radar__min_range_km=501)
+    line = "radar: out of sight at all 361 poses, by min_range_km and horizon"
+    assert overview(hidden)[-1] == line
+    assert overview(limited)[-1] == "radar: out of sight at all 2 poses, by max_range_km"
 
 
 def test_poses_beyond_the_horizon_of_a_path():
