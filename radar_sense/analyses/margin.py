@@ -132,7 +132,10 @@ def margin(
         for name, (dbs, std) in terms.items()
     }
     shown = ((n, f"{db:8.2f} {std:6.2f}") for n, (db, std) in at_pose.items() if db or std)
-    result.report += [f"terms of the SNR at {axis.at(pose)}, and sigma [dB]:", *words.rows(shown)]
+    result.report += [
+        f"terms of the SNR at {axis.at(pose)}, and sigma to first order [dB]:",
+        *words.rows(shown),
+    ]
     title = f"$P_D$ {p_d:.12g}, least margin at {axis.at(pose)}; lines: ${k:g}\\,\\sigma$"
     bounds = float(lower[pose]), float(upper[pose])
     result.draw = partial(_draw, terms=at_pose, changes=changes, margin=bounds, k=k, title=title)
