@@ -421,10 +421,10 @@ def gap(name: str, angles: FloatArray) -> Problem | None:
         return None
     i = int(wide[0])
     start, stop = np.rad2deg(closed[i : i + 2])
+    most = np.rad2deg(min(MAX_STEP, GAP * neighbour[i]))
     message = (
-        f"a gap in {name}, from {start:.6g} to {stop:.6g} deg; allowed is {GAP:g} times the wider "
-        f"step beside it, {np.rad2deg(neighbour[i]):.6g} deg, and {np.rad2deg(MAX_STEP):g} deg "
-        "at most"
+        f"a gap in {name}, from {start:.6g} to {stop:.6g} deg; allowed are {most:.6g} deg here: "
+        f"{GAP:g} times the wider step beside it, and {np.rad2deg(MAX_STEP):g} deg at most"
     )
     if around and i == len(steps) - 1:
         message = (

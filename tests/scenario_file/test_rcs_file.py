@@ -132,7 +132,7 @@ REFUSED = {
     "gap above": (
         [*G, *(f"{a},{e},1" for a in range(0, 360, 30) for e in (-20, -10, 0, 20, 30))],
         5,
-        "a gap in elevation, from 0 to 20 deg; allowed is 1.5 times the wider step beside it",
+        "a gap in elevation, from 0 to 20 deg; allowed are 15 deg here: 1.5 times the wider step",
     ),
     "gap in a grid": ([*G, *BOX[:6], *BOX[9:]], 8, "a gap in azimuth, from -150 to -90 deg"),
     "pole": (
