@@ -132,22 +132,9 @@ def _band(
             guess = np.where(end == 0, hidden, end)[rows]
             end[rows], wrong[rows] = _by_draws(seen.part(rows), guess, value, beta)
         off[beta] = wrong & ~np.isnan(end)  # which is said to have no value
-    slant = {beta: around.slant_range(end) for beta, end in ends.items()}
-    # σ does not stand for a band that a limit cuts, or for a range that there may not be
-    widest = ends[-WIDEST], ends[WIDEST]
-    cut = np.any([(end == 0) | _limit_in_reach(around, end) for end in widest], axis=0)
-    std, of_std, rows = (
-        np.full(len(cut), np.nan),
-        np.zeros(len(cut), dtype=bool),
-        np.flatnonzero(~cut),
-    )
-    if rows.size:
-        between = around.part(rows), slant[-WIDEST][rows], slant[WIDEST][rows]
-        std[rows] = drawn = _std(*between, value, AUTOMATIC)
-        if method != AUTOMATIC:
-            std[rows] = _std(*between, value, method)
-            of_std[rows] = abs(std[rows] - drawn) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * drawn
-    return slant[-k], slant[k], std, off[-k] | off[k] | of_std
+    lower, upper = (around.slant_range(ends[beta]) for beta in (-k, k))
+    std, of_std = _std(around, ends[-WIDEST], ends[WIDEST], value, method)
+    return lower, upper, std, off[-k] | off[k] | of_std
 
 
 def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
@@ -164,6 +151,27 @@ def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
 
 
 def _std(
+    around: Rays, lower: FloatArray, upper: FloatArray, value: float, method: str
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return σ (n,) of the slant range, and where draws say that it is off.
+
+    The band is between two distances (n,), at ±`WIDEST` σ. σ is NaN where errors may cross a limit
+    within it, or leave no range.
+    """
+    std, off = np.full(len(lower), np.nan), np.zeros(len(lower), dtype=bool)
+    cut = [(end == 0) | _limit_in_reach(around, end) for end in (lower, upper)]
+    rows = np.flatnonzero(~np.any(cut, axis=0))
+    if rows.size:
+        part = around.part(rows)
+        ends = part.slant_range(lower[rows]), part.slant_range(upper[rows])
+        std[rows] = drawn = _integrated_std(part, *ends, value, AUTOMATIC)
+        if method != AUTOMATIC:
+            std[rows] = _integrated_std(part, *ends, value, method)
+            off[rows] = abs(std[rows] - drawn) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * drawn
+    return std, off
+
+
+def _integrated_std(
     around: Rays, lower: FloatArray, upper: FloatArray, value: float, method: str
 ) -> FloatArray:
     """Return σ (n,) of the slant range, from P(P_D > value) by a method between two ends (n,).
