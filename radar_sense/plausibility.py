@@ -328,10 +328,11 @@ def _scan(scenario: Scenario) -> Iterator[str]:
 
 
 def _constant(scenario: Scenario) -> Iterator[str]:
-    """Yield a warning if a radar constant is below zero within 3σ."""
+    """Yield a warning if a normal radar constant is below zero within 3σ."""
     constant = scenario.radar_states[:, CONSTANT]
     variance = np.diagonal(scenario.cov_radar).reshape(-1, len(RADAR))
-    std = np.sqrt(variance[:, CONSTANT])
+    normal = [not tolerances for tolerances in scenario.tolerances]
+    std = np.sqrt(variance[:, CONSTANT]) * normal
     worst = int(np.argmax(std / constant))
     if 3.0 * std[worst] > constant[worst]:
         yield warning(

@@ -292,3 +292,11 @@ def test_a_table_without_elevations_is_used_far_from_the_horizon(tmp_path):
     rows = [(a, e, 0.5) for a in around for e in range(-90, 91, 30)]
     (tmp_path / "e.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_m2", rows))
     assert plausibility_warnings(scenario(aircraft__rcs=with_elevations)) == ()
+
+
+def test_a_constant_with_tolerances_is_never_below_zero():
+    """Its logarithm is normal, and its sigma to first order may be any."""
+    large = {"uncertainty.radar.data_sheet.constant.loss_db": 5}
+    s = rs.load_scenario(SCANNING, {**large, "analysis.level": "data_sheet"})
+    assert math.sqrt(s.cov_radar[3, 3]) > s.radar[3]
+    assert not any("[constant-clipped]" in text for text in plausibility_warnings(s))

@@ -24,7 +24,7 @@ from radar_sense.errors import counted
 from radar_sense.montecarlo.adaptive import DIGITS, MOST_DRAWS, Verdict, judge
 from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
 from radar_sense.montecarlo.statistics import DrawStatistics
-from radar_sense.propagation import no_draws
+from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, no_draws
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -132,6 +132,8 @@ def _report(
         report.append(f"  {MOST_DRAWS:,} draws a pose, the most allowed, are too few{fewer}")
     if not result.passed:
         report.append(f"  agrees at {agree} of {len(axis)} poses")
+        if method == AUTOMATIC:
+            report.append(f"  automatic itself asks for {BOUND_CHANGE:g} in a bound, a tenth if small")
     if without.all():
         return report
     row, pose = np.unravel_index(np.nanargmax(ratio), ratio.shape)
