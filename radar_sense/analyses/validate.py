@@ -133,7 +133,7 @@ def _report(
     if not result.passed:
         report.append(f"  agrees at {agree} of {len(axis)} poses")
         if method == AUTOMATIC:
-            report.append(f"  automatic itself asks for {BOUND_CHANGE:g} in a bound, a tenth if small")
+            report.append(f"  automatic asks for {BOUND_CHANGE:g} in a bound, or a tenth if small")
     if without.all():
         return report
     row, pose = np.unravel_index(np.nanargmax(ratio), ratio.shape)
