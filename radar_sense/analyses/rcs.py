@@ -221,6 +221,7 @@ def _draw(figure: Figure, model: RCS, seen_azimuth: FloatArray, seen_elevation: 
     bar = figure.colorbar(
         drawn, ax=plane, label="RCS [dBsm]", orientation="horizontal", aspect=40, pad=0.04
     )
+    bar.ax.locator_params(nbins=6)
     if np.ptp(level) > 0.1:
         contours = plane.contour(
             azimuth,
