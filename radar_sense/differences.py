@@ -66,8 +66,10 @@ def _changes(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for i, (one, other) in enumerate(zip(old, new, strict=True), start=1):
             yield from _changes(one, other, f"{path}[{i}]")
-    elif old != new and not (_are_numbers(old, new) and math.isclose(old, new, rel_tol=ROUNDING)):
-        yield path, old, new
+    elif old != new:
+        floats = isinstance(old, float) and isinstance(new, float)
+        if not (floats and math.isclose(old, new, rel_tol=ROUNDING)):
+            yield path, old, new
 
 
 def _shown(value: Any) -> str:
@@ -79,8 +81,5 @@ def _shown(value: Any) -> str:
 
 def _by(old: Any, new: Any) -> str:
     """Return the difference of two numbers."""
-    return f" ({new - old:+.3g})" if _are_numbers(old, new) else ""
-
-
-def _are_numbers(*values: Any) -> bool:
-    return all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in values)
+    numbers = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in (old, new))
+    return f" ({new - old:+.3g})" if numbers else ""

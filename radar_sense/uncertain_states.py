@@ -146,7 +146,7 @@ class UncertainStates:
         aircraft, radar = (c[np.newaxis] if c.ndim == 2 else c for c in (cov_aircraft, cov_radar))
         by_radar = tuple(map(tuple, tolerances))
         changed = replace(self, cov_aircraft=aircraft, cov_radar=radar, tolerances=by_radar)
-        return changed._with_tolerances() if any(by_radar) else changed
+        return changed._with_tolerances() if any(by_radar) and len(self) else changed
 
     def _with_tolerances(self) -> UncertainStates:
         """Return the states with every c_r that has tolerances to first order in C_rr.

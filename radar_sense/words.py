@@ -157,7 +157,7 @@ WARNINGS: dict[str, str] = {
     ),
     "uncertainty-large": (
         "Sigma of the height is above the height: a unit is a likely reason. Or 3 sigma of P_D is "
-        "above 1, because errors cross a limit or a narrow lobe, or are in another unit."
+        "above 1, because errors cross a limit or a narrow lobe, or a radar is known poorly."
     ),
 }
 #: Least probability that four digits show, and least probability that is not rounding.
@@ -453,7 +453,7 @@ def _of_std(
     none, axis, large = ~np.isfinite(std), scenario.axis, (3 * std > 1) & ~off
     what = f"{scenario.method} has no value ({why})"
     yield from placed("no-value", none, axis, what, f": {remedy}")
-    why = ": P_D is near 0 or near 1, by a limit, a narrow lobe, or uncertainties in other units"
+    why = ": it is near 0 or near 1, by a limit, a lobe, a radar known poorly, or in other units"
     yield from placed("uncertainty-large", large, axis, "3 sigma of P_D is above 1", why)
 
 
@@ -509,7 +509,7 @@ def table_warnings(scenario: Scenario) -> Iterator[str]:
         yield warning(
             "table-exceeded",
             f"the RCS table covers elevations from {listed(dict.fromkeys(covered))} deg; "
-            f"states within 3 sigma, at {min(reached_deg):.1f} to {max(reached_deg):.1f} deg, are "
-            f"beyond {describe_poses(outside, scenario.axis)}; the outermost values of the table "
-            "are used there",
+            f"states within 3 sigma are at {min(reached_deg):.1f} to {max(reached_deg):.1f} deg, "
+            f"beyond it {describe_poses(outside, scenario.axis)}; the outermost values of the "
+            "table are used there",
         )

@@ -116,7 +116,7 @@ def in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
     if factor is None and accuracy.known:
         place, source = axis.format(accuracy.place), accuracy.residual_from
         if source == P_D_ITSELF:
-            return f"impossible: P_D itself is above at {place}, no better knowledge helps"
+            return f"P_D itself is above at {place}: no better knowledge helps"
         shown = f", from {source}" if source else ""
         return f"impossible alone ({accuracy.residual:.4f} remains at {place}{shown})"
     if not factor:

@@ -31,8 +31,8 @@ THRESHOLD = Option(
 K = Option("k", "Number of sigma of the band.", SIGMAS, metavar="K", default_text="3")
 PROBABILITY = Option(
     "probability",
-    "Largest P(P_D > P_MAX) that passes the test at a pose, in place of K: 0.01, for 99 % "
-    "confidence, is K 2.326.",
+    "Largest P(P_D > P_MAX) that passes the test at a pose, in place of K. P_D itself may be above "
+    "then; but for this, 0.01 is K 2.326.",
     ABOVE,
     metavar="P",
 )
@@ -208,7 +208,8 @@ def _remedy(tested: PathTest) -> str:
 def _why(tested: PathTest, goal: str) -> str:
     """Return whether P_D itself is above P_max, or only its bound."""
     test, axis, p_d = tested.test, tested.path.scenario.axis, tested.path.band.p_d
-    place = words.describe_poses((p_d > test.p_max) & test.violated, axis)
+    p_d = np.where(test.violated, p_d, np.nan)
+    place = words.describe_poses(p_d > test.p_max, axis)
     if place:
         return f"P_D itself is above {test.p_max:g} {place}: no better knowledge helps there"
     if not tested.path.resolved:

@@ -9,7 +9,7 @@ gradually from FORM to the draws, see `_gradual`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,7 +134,7 @@ class Automatic(Distribution):
         super().__init__(states)
         self.p_max, self._form = p_max, form or Form(states)
         self._staged = cache(lambda beta: StagedDraws(states, beta, p_max))
-        self._band = cache(self._judged_band)
+        self._band = cache(partial(_judged_band, self._form, self._staged))
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
@@ -165,11 +165,14 @@ class Automatic(Distribution):
         mean, std = _gradual(np.stack(by_form), found)
         return mean, std
 
-    def _judged_band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:
-        """Return lower and upper bound at β, their standard error (k,), and the draws."""
-        by_form = self._form.quantile(-beta), self._form.quantile(beta)
-        drawn, confirmed, _ = judged(self._staged(beta), by_form, of_bounds, to_precision=True)
-        bounds, errors = drawn.bounds
-        lower, upper = np.where(confirmed, by_form, bounds)
-        lower = np.where(bounds[0] > 0, lower, bounds[0])  # out of sight P_D is 0, and not P_fa
-        return lower, upper, np.where(confirmed, 0.0, np.max(errors, axis=0)), drawn
+
+def _judged_band(
+    form: Form, staged: Callable[[float], StagedDraws], beta: float
+) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:
+    """Return lower and upper bound at β, their standard error (k,), and the draws."""
+    by_form = form.quantile(-beta), form.quantile(beta)
+    drawn, confirmed, _ = judged(staged(beta), by_form, of_bounds, to_precision=True)
+    bounds, errors = drawn.bounds
+    lower, upper = np.where(confirmed, by_form, bounds)
+    lower = np.where(bounds[0] > 0, lower, bounds[0])  # out of sight P_D is 0, and not P_fa
+    return lower, upper, np.where(confirmed, 0.0, np.max(errors, axis=0)), drawn

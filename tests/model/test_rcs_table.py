@@ -416,7 +416,7 @@ def test_the_command_says_where_draws_leave_the_table(tool, here):
     assert err == ""
     write(path.parent / "t.csv", *flat(-2, 30))
     _, _, err = tool("rcs", path, "--no-plot")
-    assert "from -2 to 30 deg; states within 3 sigma, at -3.3 to 2.7 deg, are beyond" in err
+    assert "from -2 to 30 deg; states within 3 sigma are at -3.3 to 2.7 deg, beyond it" in err
 
 
 def test_the_summary_of_the_rcs():
@@ -513,11 +513,11 @@ def test_poses_beyond_the_table_are_counted(here):
             beyond = (ends[:, 0] < low) | (ends[:, 1] > high)
             assert np.count_nonzero(beyond) == count
             reach = f"at {least[0]:.1f} to {greatest[-1]:.1f} deg"
-            assert f"{reach}, are beyond {describe_poses(beyond, s.axis)};" in line
+            assert f"are {reach}, beyond it {describe_poses(beyond, s.axis)};" in line
     write(here / "t.csv", *flat(-2, 30))
     s = scenario(**change)
     for analysis in (analyses.variance, analyses.sensitivity, analyses.budget):
-        assert any("beyond at all 5 poses" in warning for warning in analysis(s).warnings)
+        assert any("beyond it at all 5 poses" in warning for warning in analysis(s).warnings)
     write(here / "t.csv", *flat(-10, 30))
     assert not any("RCS table" in w for w in analyses.montecarlo(scenario(**change)).warnings)
 

@@ -284,7 +284,7 @@ def test_an_rcs_table_warns_of_the_least_certain_attitude_of_all(tmp_path):
     # 3 sigma of 11 deg of roll at the first pose alone: beyond the 30 deg of the table
     text = UNCERTAIN.replace("10,20,30,1,2,3", "10,20,30,11,2,3")
     _, warning = rcs(load(tmp_path, text, aircraft__rcs=TABLE)).warnings  # first the spacing
-    assert "deg, are beyond at 0 s; the outermost" in warning
+    assert "deg, beyond it at 0 s; the outermost" in warning
 
 
 REFUSED = [
