@@ -505,5 +505,6 @@ def test_a_probability_is_tested_alone():
     for probability, verdict in ((1.3 * share, "holds"), (0.7 * share, "violated")):
         result = analyses.variance(s, threshold=p_max, probability=probability, method="automatic")
         assert result.summary["threshold"]["verdict"] == verdict
+        assert ("P_D itself is above" in "".join(result.report)) == (verdict == "violated")
     of_both = analyses.variance(s, threshold=p_max, k=0.6, method="automatic")
     assert of_both.summary["threshold"]["verdict"] == "violated"

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from helpers import one_line, read_record
 
+from radar_sense.differences import compared
+
 pytestmark = pytest.mark.usefixtures("quick")
 
 
@@ -60,3 +62,16 @@ def test_records_of_two_commands_are_refused(tool):
     assert tool("sensitivity", "--no-plot", "--out", "a").code == 0
     error = one_line(tool, "diff", old, "a/paper_sensitivity.json")
     assert error == "Error: records of budget and sensitivity have no common numbers\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ({"seed": 10**12 + 1}, {"seed": 10**12 + 2}, "seed: 1000000000001 -> 1000000000002 (+1)"),
+        ({"x": 0.1 + 0.2}, {"x": 0.3}, "say the same"),
+        ({"x": 0.3}, {"x": 0.3 + 1e-11}, "x: 0.3 -> 0.3 (+1e-11)"),
+    ],
+)
+def test_records_differ_but_for_rounding(old, new, says):
+    one, other = ({"analysis": "budget", "summary": x, "warnings": []} for x in (old, new))
+    assert says in "".join(compared(one, other))
