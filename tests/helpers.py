@@ -542,6 +542,7 @@ def few_judging_draws(patch, first=256, most=1024):
     for name in ("PRECISE", "MANY"):
         patch.setattr(f"radar_sense.accuracy.{name}", most)
     patch.setattr("radar_sense.coverage.ranges.DRAWS", (first, most))
+    patch.setattr("radar_sense.coverage.ranges.FURTHER", most)
 
 
 def few_draws(patch, draws=128, replicates=2):
