@@ -42,7 +42,7 @@ def build(file: sections.File, again: Callable[[Mapping[str, Any]], Scenario]) -
         _refuse_uncovered(file.geometry.place, geometry.whole, radar)
     geometry = _with_covariance(file.uncertainty, geometry)
     try:
-        geometry.covariance_in_frame  # noqa: B018 - it may have none
+        geometry.covariance_in_frame  # noqa: B018 - kept, or refused with its place in the file
     except InputError as error:
         raise file.geometry.place.error(f"{error}") from error
     scenario = Scenario(
