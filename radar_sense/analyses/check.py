@@ -61,19 +61,12 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         distance = slant_range(scenario.aircraft, state)
         snr_db = decibels(radar.model.snr(scenario.aircraft, state))
         lines.append(f"{name}: range {_span(distance / 1e3)} km, SNR {_span(snr_db)} dB")
-        horizon = geometry.horizon.range(scenario.aircraft, state)
-        hides = {
-            "max_range_km": distance > radar.max_range,
-            "min_range_km": distance < radar.min_range,
-            "horizon": (distance > horizon) & (radar.horizon is not None),
-        }
-        if radar.mask is not None:
-            hides["mask"] = radar.mask.clearance(scenario.aircraft, state) < 0
-        hidden = np.any([*hides.values()], axis=0)
-        if hidden.any():
-            limits = listed(limit for limit, mask in hides.items() if mask.any())
+        margins = radar.margins(scenario.aircraft, state)
+        if limits := [limit for limit, margin in margins.items() if np.any(margin < 0)]:
+            hidden = ~radar.visible(scenario.aircraft, state)
             place = describe_poses(hidden, scenario.axis)
-            lines.append(f"{name}: out of sight {place}, by {limits}")
+            lines.append(f"{name}: out of sight {place}, by {listed(limits)}")
+        horizon = geometry.horizon.range(scenario.aircraft, state)
         # a height of 0 is a plane, not the ground
         beyond = (distance > horizon) & (distance <= radar.max_range) & (horizon > 0)
         if radar.horizon is None and beyond.any():

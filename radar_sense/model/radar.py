@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -181,15 +182,23 @@ class Radar(ReadOnly):
         self, aircraft: FloatArray, radar: FloatArray, height: FloatArray | None = None
     ) -> FloatArray:
         """Return the distance (...) [m] to the nearest limit, negative beyond it; as `visible`."""
+        return functools.reduce(np.minimum, self.margins(aircraft, radar, height).values())
+
+    def margins(
+        self, aircraft: FloatArray, radar: FloatArray, height: FloatArray | None = None
+    ) -> dict[str, FloatArray]:
+        """Return the distance (...) [m] to each limit by its name; as `margin`."""
         distance = slant_range(aircraft, radar)
-        margin = np.minimum(self.max_range - distance, distance - self.min_range)
+        margins = {
+            "maximum range": self.max_range - distance,
+            "minimum range": distance - self.min_range,
+        }
         if self.horizon is not None:
             height = self.horizon.height(aircraft) if height is None else height
-            farthest = horizon_range(self.horizon.height(radar), height)
-            margin = np.minimum(margin, farthest - distance)
+            margins["horizon"] = horizon_range(self.horizon.height(radar), height) - distance
         if self.mask is not None:
-            margin = np.minimum(margin, distance * self.mask.clearance(aircraft, radar))
-        return margin
+            margins["mask"] = distance * self.mask.clearance(aircraft, radar)
+        return margins
 
     def sight(
         self,

@@ -99,9 +99,9 @@ def test_an_aircraft_beyond_the_horizon(tool):
     for seen in (near, raised, limited, scenario(geometry__down_km=0)):
         assert "horizon" not in " ".join(overview(seen))
     hidden = scenario(radar__horizon=True, radar__min_range_km=501)
-    line = "radar: out of sight at all 361 poses, by min_range_km and horizon"
+    line = "radar: out of sight at all 361 poses, by minimum range and horizon"
     assert overview(hidden)[-1] == line
-    assert overview(limited)[-1] == "radar: out of sight at all 2 poses, by max_range_km"
+    assert overview(limited)[-1] == "radar: out of sight at all 2 poses, by maximum range"
 
 
 def test_poses_beyond_the_horizon_of_a_path():
