@@ -319,7 +319,7 @@ def panels(figure: Figure, count: int) -> list[Axes]:
 
 
 def in_lines(name: str, letters: int) -> str:
-    """Return a name in lines of at most so many letters, broken behind "_" and "-"."""
+    """Return a name, broken behind "_" and "-" into lines of at most this many letters."""
     lines = textwrap.wrap(name.replace("_", "_ "), letters)
     return "\n".join(line.replace("_ ", "_") for line in lines)
 

@@ -157,7 +157,7 @@ WARNINGS: dict[str, str] = {
     ),
     "uncertainty-large": (
         "Sigma of the height is above the height: a unit is a likely reason. Or 3 sigma of P_D is "
-        "above 1, because errors cross a limit or a narrow lobe, or a radar is known poorly."
+        "above 1: errors cross a limit or a lobe, a radar is known poorly, or a unit is wrong."
     ),
 }
 #: Least probability that four digits show, and least probability that is not rounding.
@@ -453,7 +453,7 @@ def _of_std(
     none, axis, large = ~np.isfinite(std), scenario.axis, (3 * std > 1) & ~off
     what = f"{scenario.method} has no value ({why})"
     yield from placed("no-value", none, axis, what, f": {remedy}")
-    why = ": it is near 0 or near 1, by a limit, a lobe, a radar known poorly, or in other units"
+    why = ": errors cross a limit or a narrow lobe, a radar is known poorly, or a unit is wrong"
     yield from placed("uncertainty-large", large, axis, "3 sigma of P_D is above 1", why)
 
 

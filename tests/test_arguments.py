@@ -210,7 +210,7 @@ def test_a_value_in_a_message_is_whole_up_to_40_letters():
 
 
 def test_a_scenario_has_more_errors_than_its_covariances():
-    """`propagate_scenario` has those of the RCS and of tolerances, as `variance` has."""
+    """`propagate_scenario` includes errors of the RCS and tolerances, as `variance` does."""
     s = rs.load_scenario("configs/rainy_day.yaml").at_poses(slice(0, 361, 90))
     table, moments = rs.analyses.variance(s).table, rs.propagate_scenario(s)
     np.testing.assert_array_equal(moments.upper, table["upper_3sigma"])

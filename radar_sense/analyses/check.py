@@ -61,11 +61,14 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         distance = slant_range(scenario.aircraft, state)
         snr_db = decibels(radar.model.snr(scenario.aircraft, state))
         lines.append(f"{name}: range {_span(distance / 1e3)} km, SNR {_span(snr_db)} dB")
-        margins = radar.margins(scenario.aircraft, state)
-        if limits := [limit for limit, margin in margins.items() if np.any(margin < 0)]:
-            hidden = ~radar.visible(scenario.aircraft, state)
+        beyond_limit = {
+            limit: margin < 0 for limit, margin in radar.margins(scenario.aircraft, state).items()
+        }
+        hidden = np.any([*beyond_limit.values()], axis=0)
+        if hidden.any():
+            limits = listed(limit for limit, mask in beyond_limit.items() if mask.any())
             place = describe_poses(hidden, scenario.axis)
-            lines.append(f"{name}: out of sight {place}, by {listed(limits)}")
+            lines.append(f"{name}: out of sight {place}, by {limits}")
         horizon = geometry.horizon.range(scenario.aircraft, state)
         # a height of 0 is a plane, not the ground
         beyond = (distance > horizon) & (distance <= radar.max_range) & (horizon > 0)

@@ -31,8 +31,8 @@ THRESHOLD = Option(
 K = Option("k", "Number of sigma of the band.", SIGMAS, metavar="K", default_text="3")
 PROBABILITY = Option(
     "probability",
-    "Largest P(P_D > P_MAX) that passes the test at a pose, in place of K. P_D itself may be above "
-    "then; but for this, 0.01 is K 2.326.",
+    "Largest P(P_D > P_MAX) that passes the test at a pose, in place of K: 0.01 corresponds to K "
+    "2.326. Unlike with K, P_D itself may be above P_MAX.",
     ABOVE,
     metavar="P",
 )
@@ -239,7 +239,7 @@ def _probability_lines(tested: PathTest) -> list[str]:
             line,
             "P at some pose needs a path with times and uncertainty.aircraft_correlation_s",
         ]
-    line += (  # of a run P_D may be higher between two poses than at both
+    line += (  # P_D of a run may be higher between two poses than at both
         f"; {words.probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} at "
         f"some pose of {len(axis)} ({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
     )

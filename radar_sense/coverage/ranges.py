@@ -156,8 +156,8 @@ def _std(
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return σ (n,) of the slant range, and where draws say that it is off.
 
-    The band is between two distances (n,), at ±`WIDEST` σ. σ is NaN where errors may cross a limit
-    within it, or leave no range, and where an end is that of the search.
+    The band is between two distances (n,), at ±`WIDEST` σ. σ is NaN where errors within the band
+    may cross a limit or leave no range, and where the band reaches the end of the search.
     """
     std, off = np.full(len(lower), np.nan), np.zeros(len(lower), dtype=bool)
     cut = [(end == 0) | (end >= END) | _limit_in_reach(around, end) for end in (lower, upper)]

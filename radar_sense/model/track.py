@@ -155,7 +155,7 @@ def square_root_in_frame(
 
     F is the symmetric square root of the covariance at the aircraft, turned into the frame. Errors
     that are correlated from pose to pose are then the same errors about any origin. The arguments
-    are those of `covariance_in_frame`.
+    are as of `covariance_in_frame`.
     """
     covariance = np.broadcast_to(covariance, (len(time), *covariance.shape[-2:]))
     root = symmetric_square_root(covariance)

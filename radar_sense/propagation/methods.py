@@ -183,7 +183,7 @@ def propagate_scenario(
 ) -> Moments:
     """Return the moments of P_D (n,) at every pose of a scenario, at its level.
 
-    They are those of the command `variance`, with all errors that the scenario has.
+    The command `variance` has the same numbers. All errors of the scenario are included.
 
     Args:
         scenario: The scenario.
