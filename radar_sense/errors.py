@@ -6,6 +6,8 @@ import difflib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from radar_sense.units import ascii_unit
+
 
 class InputError(ValueError):
     """Bad input, described in one line: place, value, and what is allowed.
@@ -83,6 +85,13 @@ class FigureError(RuntimeError):
 
 
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:
-    """Return a suggestion to append to an error; "" if no allowed word is close."""
+    """Return a suggestion to append to an error; "" if no allowed word is close.
+
+    It says in which unit, if the word ends with another one.
+    """
     close = difflib.get_close_matches(word, list(allowed), n=1)
-    return f"; did you mean '{close[0]}'?" if close else ""
+    if not close:
+        return ""
+    other = word.rpartition("_")[2] != close[0].rpartition("_")[2]
+    unit = ascii_unit(close[0]) if other else ""
+    return f"; did you mean '{close[0]}'{unit and f', in {unit}'}?"

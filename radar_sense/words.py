@@ -34,8 +34,9 @@ from radar_sense.units import unit_name
 WARNINGS: dict[str, str] = {
     "band-imprecise": (
         "The draws of the band were not enough. A bound of P_D has a standard error above 0.005, "
-        "which the column error_3sigma has, or an end of the band of the range has one above 1 %. "
-        "P_D jumps near the bound, or changes much in a thin tail."
+        "which the column error_3sigma has, an end of the band of the range has one above 1 %, or "
+        "a bound of a mission has one above 0.01. P_D jumps near the bound, or changes much in a "
+        "thin tail."
     ),
     "band-off": (
         "Draws say that a bound or sigma of the method is off by more than the warning says, or an "

@@ -30,8 +30,9 @@ STOREYS = (
     ("uncertain_states",),
     ("model",),
     ("axis", "covariance", "search"),
-    ("states", "limits", "units", "streams", "cost", "differences"),
+    ("states", "limits", "streams", "cost", "differences"),
     ("errors", "progress"),
+    ("units",),
 )
 STOREY = {name: i for i, names in enumerate(STOREYS) for name in names}
 

@@ -48,6 +48,8 @@ from radar_sense.states import FloatArray
 REACHED = Limit(above=0, at_most=3)
 #: Probabilities whose times are in the report.
 MILESTONES = (0.5, 0.9)
+#: Largest standard error of a bound without a warning.
+MOST_ERROR = 0.01
 
 
 @dataclass(frozen=True)
@@ -195,6 +197,10 @@ def mission(
     result.report.append(_describe_looks(looks))
     largest = (f"{key} {words.describe_extreme(top, axis)}" for key, top in errors.items())
     result.report.append(f"largest standard error of a bound: {', '.join(largest)}")
+    if any(top["value"] > MOST_ERROR for top in errors.values()):
+        text = f"a bound of the mission has a standard error above {MOST_ERROR:g}"
+        draws = words.BY_DRAWS if drawn else "add plain draws with --runs"
+        result.warnings.append(words.warning("band-imprecise", f"{text}; {draws}"))
     result.draw = partial(_draw, scenario=scenario, missions=missions, window=window, k=k)
     return result
 

@@ -206,6 +206,8 @@ class UnknownKeyError(InputError):
         hint = f"; it is a key of {', '.join(owners)}" if owners else did_you_mean(name, meant)
         if name == "<<":
             hint = "; merges are not read: write the keys out, or let an alias stand for a section"
+        elif name.isdecimal() and not at.is_set:
+            hint = "; a comma ends the value before: write a decimal point, such as 0.6 for 0,6"
         text = f"unknown key {describe(name)}, allowed: {', '.join(allowed)}{hint}"
         super().__init__(str(at.error(text)))
 

@@ -130,6 +130,9 @@ def test_bounds_grow_with_time_and_have_standard_errors(tmp_path):
     assert list(result.table)[-1] == "mean_track_se_three"
     report = "\n".join(result.report)
     assert "\nlargest standard error of a bound: detection 0." in report
+    tops = result.summary["largest_standard_error_of_bounds"].values()
+    imprecise = max(top["value"] for top in tops) > 0.01
+    assert any("[band-imprecise]" in text for text in result.warnings) == imprecise
     # replicates and then runs are told
     assert [done for what, done, _ in seen if what == "replicates"] == list(range(1, 9))
     assert seen[-1] == ("runs", 20, 20)

@@ -132,6 +132,7 @@ IDENTITY_4 = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
     ("path", "value", "says"),
     [
         ("aircraft.rcs", "{model: constant, a_m: 1}", "unknown key 'a_m', allowed: model, rcs_m2"),
+        (RADAR, "{position_m: 1, constant: 0,6}", "write a decimal point, such as 0.6 for 0,6"),
         ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: 0, floor_m2: 0}", "both be 0"),
         (AIRCRAFT, f"{{covariance: {IDENTITY_4}}}", "a list of 6 rows of 6 numbers"),
         (RADAR, f"{{covariance: {IDENTITY_4}, constant: 1}}", "give only one"),

@@ -116,7 +116,7 @@ def test_a_network_reads_back(tool, count):
         ({"name": "error_interaction"}, "radars[2].name", "'error_interaction' would mean two", ""),
         ({"uncertainty": {}}, "radars[2].uncertainty", "needs at least one level of uncert", ""),
         ({"uncertainty": 3}, "radars[2].uncertainty", "must be a mapping", "uncertainty: 3"),
-        ({"max_range_m": 5}, "radars[2]", "did you mean 'max_range_km'?", "max_range_m: 5"),
+        ({"max_range_m": 5}, "radars[2]", "did you mean 'max_range_km', in km?", "max_range_m: 5"),
     ],
 )  # fmt: skip
 def test_a_radar_that_is_refused(changes, path, says, line):
