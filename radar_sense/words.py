@@ -461,7 +461,7 @@ def _of_std(
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     """Return one line "a, b and c: text" for all labels with a warning of one name.
 
-    Where the texts differ, the line is "a, and b and c elsewhere: text", with the text of a.
+    Where the texts differ, the line is "a (also b and c, elsewhere): text", with the text of a.
     """
     by_name: dict[str, dict[str, str]] = {}
     for label, text in labelled:
@@ -472,7 +472,7 @@ def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
         if len(labels) > NAMED:
             labels[NAMED - 1 :] = [f"{len(labels) - NAMED + 1} more"]
         if len(set(texts.values())) > 1:
-            lines.append(f"{labels[0]}, and {listed(labels[1:])} elsewhere: {text}")
+            lines.append(f"{labels[0]} (also {listed(labels[1:])}, elsewhere): {text}")
         else:
             lines.append(f"{listed(labels)}: {text}")
     return tuple(lines)
