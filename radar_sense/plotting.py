@@ -122,6 +122,8 @@ BEARINGS = ("N", "45", "E", "135", "S", "225", "W", "315")
 ASPECTS = ("nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45")
 #: A line this near to the number of a ring, in parts of the radius, would run through it.
 _BESIDE = 0.12
+#: The number of a ring this near to the rim would lie on it, in parts of the radius.
+_BESIDE_RIM = 0.06
 #: Lines of more points are pixels in a PDF or SVG, where a million points take 10 MB.
 MOST_POINTS = 10_000
 
@@ -329,12 +331,14 @@ def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
 
     The angles 0, 45, ... 315 deg have names, and the radius a label. The numbers of the rings are
     where most of them are off the lines. A ring beside a line has no number, if others have one.
+    There is no ring right beside the rim.
     """
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
     low, high = axes.get_ylim()
-    rings = np.array([ring for ring in axes.get_yticks() if low < ring <= high])
+    most = high - _BESIDE_RIM * (high - low)
+    rings = np.array([ring for ring in axes.get_yticks() if low < ring <= most])
     circle = np.linspace(0.0, 2.0 * np.pi, 721)
     drawn = np.array([np.inf])  # for a figure without lines
     for line in axes.lines:

@@ -352,6 +352,8 @@ def _draw(
     if any(at.reach.endless.any() for of_radar in ranges.values() for at in of_radar):
         text = f"no line where P_D is still higher at {FARTHEST / 1e3:g} km"
         plotting.add_small_print(figure, text)
+    if count > 1:
+        plotting.add_small_print(figure, f"{'nose' if by == ASPECT else 'north'} up")
     unit = "slant range in km, " if count > 1 else ""
     drawn = panels.flat[:count]
     most = max(drawn, key=lambda panel: len(panel.get_legend_handles_labels()[1]))
