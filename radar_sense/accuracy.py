@@ -149,8 +149,10 @@ class _Goal:
             largest = int(np.argmax(reached(found)))
             pose, residual = int(rows[largest]), found[largest]
             if factor and factor < np.inf:
-                # by FORM a bound grows without end; P_D stops at a limit or the end of a tolerance
-                known &= bool(residual >= self.limit - self._off)
+                # by FORM a bound grows without end; P_D stops at a limit or the end of a tolerance;
+                # where little room is left for the source, FORM may be off by as much
+                room = self.limit - float(np.max(self.critical_values(names, 0.0)))
+                known &= bool(residual >= self.limit - self._off and room > self._off)
         return RequiredAccuracy(
             factor=factor,
             residual=float(residual),

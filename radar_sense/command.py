@@ -341,6 +341,7 @@ class Command:
         name: Name of the command; of the function by default.
         endings: Endings of its files besides the figure; () if the command line writes none.
         formats: Formats of its figure, or of what else its result can be; () without a figure.
+        varies: Whether it varies the scenario, and checks what it makes of it itself.
         defaults: Defaults of the function by keyword.
         help: The docstring of the function up to the errors.
     """
@@ -351,6 +352,7 @@ class Command:
     name: str = ""
     endings: tuple[str, ...] = ("csv", "npz", "json")
     formats: tuple[str, ...] = FORMATS
+    varies: bool = False
     #: Returns the warnings of a scenario itself, which every result has.
     check: ClassVar[Callable[[Scenario], Iterable[str]]] = staticmethod(lambda scenario: ())
 
@@ -383,9 +385,9 @@ class Command:
         result = self.run(selected, **own)
         result.analysis = self.name
         result.shown = tuple(option.name for option in self.options)
-        warnings = (*Command.check(selected), *result.warnings)
+        checked = () if self.varies else Command.check(selected)
         # the command has appended to lists; from here on nothing is added
-        vars(result).update(report=tuple(result.report), warnings=warnings)
+        vars(result).update(report=tuple(result.report), warnings=(*checked, *result.warnings))
         return result
 
     def _own(self, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -22,10 +22,13 @@ from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, CONSTANT, DOWN, POSITION, RADAR, FloatArray
 from radar_sense.words import describe_poses, listed, placed, warning
 
-#: Least speed [m/s] of a flight, if it moves at all, and greatest speed without a warning.
-MIN_SPEED, MAX_SPEED = 0.5, 2e3
+#: Least speed [m/s] of a flight, if it moves at all, and greatest speed without a warning. A number
+#: below the first may be a Mach number.
+MIN_SPEED, MAX_SPEED = 3.0, 2e3
 #: Greatest bank [rad] without a warning: a level turn at twice the weight.
 MAX_BANK = np.deg2rad(60.0)
+#: Standard deviation of an angle of which nothing is known [rad]: uniform over a turn.
+UNKNOWN_ANGLE = np.pi / np.sqrt(3.0)
 #: Least height above the ellipsoid or the sea [m]: the lowest land minus the greatest depth of the
 #: geoid.
 MIN_HEIGHT = -600.0
@@ -47,7 +50,7 @@ ABOVE_FLOOR = 0.01
 def plausibility_warnings(scenario: Scenario) -> tuple[str, ...]:
     """Return a warning for each implausible property of a scenario."""
     whole = scenario.along(scenario.geometry.whole)
-    of_flight = (_speed, _bank, _height, _ground, _range, _floor, _elevation, _antenna)
+    of_flight = (_speed, _bank, _height, _attitude, _ground, _range, _floor, _elevation, _antenna)
     others = (_spacing, _step, _origin, _frequency, _scan, _constant)
     texts = (*(check(whole) for check in of_flight), *(check(scenario) for check in others))
     return tuple(itertools.chain(*texts))
@@ -69,8 +72,8 @@ def _speed(scenario: Scenario) -> Iterator[str]:
     elif 0 < speed[fastest] < MIN_SPEED:
         yield warning(
             "too-slow",
-            f"the aircraft flies at {speed[fastest]:.2g} m/s at most: is time_s in seconds, and "
-            "are positions in their units?",
+            f"the aircraft flies at {speed[fastest]:.2g} m/s at most: are times in seconds, speeds "
+            "in m/s, and positions in their units?",
         )
 
 
@@ -130,6 +133,17 @@ def _height(scenario: Scenario) -> Iterator[str]:
         )
 
 
+def _attitude(scenario: Scenario) -> Iterator[str]:
+    variance = np.diagonal(scenario.cov_aircraft, axis1=-2, axis2=-1)[..., ATTITUDE]
+    std = math.sqrt(variance.max())
+    if std > UNKNOWN_ANGLE:
+        yield warning(
+            "uncertainty-large",
+            f"sigma of the attitude, {math.degrees(std):.4g} deg, is above that of an angle of "
+            f"which nothing is known, {math.degrees(UNKNOWN_ANGLE):.0f} deg: is it in its unit?",
+        )
+
+
 def _ground(scenario: Scenario) -> Iterator[str]:
     """Yield a warning of radars below the ground that their horizon has."""
     each = zip(_names(scenario), scenario.radars, scenario.radar_states, strict=True)
@@ -156,16 +170,28 @@ def _surface(scenario: Scenario) -> str:
     return "the sea level" if scenario.geometry.horizon.surface else "the ellipsoid"
 
 
-def below_ground(scenario: Scenario, down_km: float | None) -> Iterator[str]:
-    """Yield a warning if the down coordinate of an option [km] is below the origin and all radars.
+def height_of_option(scenario: Scenario, down_km: float | None) -> Iterator[str]:
+    """Yield a warning if a down coordinate of an option [km] is below the ground, or in space.
 
     None is no coordinate.
     """
-    if down_km is not None and 1e3 * down_km > _lowest_down(scenario):
+    if down_km is None:
+        return
+    height = float(scenario.geometry.horizon.height(np.array([0.0, 0.0, 1e3 * down_km])))
+    lowest, ground = MIN_HEIGHT, f"{_surface(scenario)} at the origin"
+    if scenario.origin is None:
+        lowest, ground = -_lowest_down(scenario), "the origin and below every radar"
+    if height < lowest:
         yield warning(
             "below-ground",
-            f"the aircraft is {1e3 * down_km:.4g} m below the origin and below every radar: "
-            "--down-km is positive downwards, so heights are negative",
+            f"the aircraft is {-height:.4g} m below {ground}: --down-km is positive downwards, so "
+            "heights are negative",
+        )
+    elif height > MAX_HEIGHT:
+        yield warning(
+            "too-high",
+            f"the aircraft is {height / 1e3:.4g} km above {_surface(scenario)}: --down-km is in "
+            "kilometres",
         )
 
 

@@ -149,16 +149,17 @@ WARNINGS: dict[str, str] = {
         "are likely reasons."
     ),
     "too-slow": (
-        "Few aircraft fly this slowly: times in milliseconds for seconds, or positions in another "
-        "unit, are likely reasons."
+        "Few aircraft fly this slowly: times in milliseconds for seconds, a Mach number, or "
+        "positions in another unit, are likely reasons."
     ),
     "too-high": (
         "The aircraft is above the edge of space, 100 km: metres may stand under a key in "
         "kilometres."
     ),
     "uncertainty-large": (
-        "Sigma of the height is above the height: a unit is a likely reason. Or 3 sigma of P_D is "
-        "above 1: errors cross a limit or a lobe, a radar is known poorly, or a unit is wrong."
+        "Sigma of the height is above the height, or sigma of the attitude above that of an angle "
+        "of which nothing is known: a unit is a likely reason. Or 3 sigma of P_D is above 1: "
+        "errors cross a limit or a lobe, a radar is known poorly, or a unit is wrong."
     ),
 }
 #: Least probability that four digits show, and least probability that is not rounding.

@@ -50,7 +50,7 @@ def test_minutes_for_seconds(tmp_path):
 
 def test_milliseconds_for_seconds(tmp_path):
     (warning,) = of_route(tmp_path, ROUTE.replace("\n20,", "\n20000,").replace("\n40,", "\n4e4,"))
-    assert warning.startswith("the aircraft flies at 0.2 m/s at most: is time_s in seconds")
+    assert warning.startswith("the aircraft flies at 0.2 m/s at most: are times in seconds, speeds")
 
 
 @pytest.mark.parametrize("step", [None, 40])
@@ -143,6 +143,11 @@ IMPLAUSIBLE = [
         "sigma of the height, 3001 m, is above the height at all poses, 3000 m above the origin at "
         "most: are both in their units? [uncertainty-large]",
         sigma(2999),
+    ),
+    (
+        {"uncertainty__aircraft__attitude_deg": [1, 1, 104]},
+        "sigma of the attitude, 104 deg, is above that of an angle of which nothing is known",
+        {"uncertainty__aircraft__attitude_deg": [1, 1, 103]},
     ),
     (
         sigma_of_constant(83.5),

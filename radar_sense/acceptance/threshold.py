@@ -30,7 +30,7 @@ from scipy.special import ndtr, ndtri, pdtrc
 
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.frames import attitude_off
-from radar_sense.montecarlo.exceedance import Exceedance, exceedance
+from radar_sense.montecarlo.exceedance import Exceedance, exceedance, share_above
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, Band, band_of_scenario
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.staged import LADDER, LAST, StagedDraws
@@ -71,7 +71,7 @@ class ThresholdTest:
         The bound is taken to be linear between poses. Steps to and from a pose without a bound are
         counted.
         """
-        return math.fsum(abs(np.diff(self.coordinate)) * _share_above(self.margin))
+        return math.fsum(abs(np.diff(self.coordinate)) * share_above(self.margin))
 
     @property
     def total(self) -> float:
@@ -114,18 +114,7 @@ class ThresholdTest:
             return np.nan
         pose = int(np.argmax(above))
         before = pose > 0 and np.isfinite(self.margin[pose])
-        return pose - float(_share_above(self.margin[pose - 1 : pose + 1])[0] if before else 0.0)
-
-
-def _share_above(margin: FloatArray) -> FloatArray:
-    """Return the share of each step (n − 1,) with a negative margin, linear between poses."""
-    known = np.isfinite(margin)
-    margin = np.where(known, margin, 0.0)
-    above, within = np.maximum(-margin, 0.0), np.maximum(margin, 0.0)
-    negative, whole = above[:-1] + above[1:], (above + within)[:-1] + (above + within)[1:]
-    # On a line from −b to a, b/(a + b) of the step is negative.
-    share = np.divide(negative, whole, out=np.zeros_like(negative), where=negative > 0)
-    return np.where(known[:-1] & known[1:], share, 1.0)
+        return pose - float(share_above(self.margin[pose - 1 : pose + 1])[0] if before else 0.0)
 
 
 @dataclass(frozen=True, eq=False)

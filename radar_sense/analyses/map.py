@@ -37,7 +37,7 @@ from radar_sense.limits import FORMATS, MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geodesy import geodetic_from_ned, turn_to_origin
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
-from radar_sense.plausibility import below_ground
+from radar_sense.plausibility import height_of_option
 from radar_sense.propagation import AUTOMATIC, band_of_scenario, no_draws
 from radar_sense.propagation.automatic import ERRORS, LEAST_CHANGE, tolerance_of
 from radar_sense.scenario import Scenario
@@ -201,7 +201,7 @@ def coverage_map(
     ]
     ends = " to ".join(map(probability, result.summary["route"]))
     result.report += [f"along the route, at the attitude of each pose, {ends}"]
-    result.warnings += below_ground(scenario, down_km)
+    result.warnings += height_of_option(scenario, down_km)
     result.warnings += _warnings(cells, shown, method)
     unknown = "at the route, the bound has no value" if upper else "at the route, P_D has no value"
     result.warnings += placed("no-value", np.isnan(route), scenario.axis, unknown)

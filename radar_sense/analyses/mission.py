@@ -91,6 +91,11 @@ class Mission:
     events: Mapping[Event, Cumulative]
     drawn: Mapping[Event, DrawStatistics] = field(default_factory=dict)
 
+    @property
+    def largest_error(self) -> float:
+        """The largest standard error of a bound."""
+        return max(float(np.max([e.lower_se, e.upper_se])) for e in self.events.values())
+
 
 @command(
     LEVEL,
@@ -197,10 +202,13 @@ def mission(
     result.report.append(_describe_looks(looks))
     largest = (f"{key} {words.describe_extreme(top, axis)}" for key, top in errors.items())
     result.report.append(f"largest standard error of a bound: {', '.join(largest)}")
-    if any(top["value"] > MOST_ERROR for top in errors.values()):
-        text = f"a bound of the mission has a standard error above {MOST_ERROR:g}"
-        draws = words.BY_DRAWS if drawn else "add plain draws with --runs"
-        result.warnings.append(words.warning("band-imprecise", f"{text}; {draws}"))
+    draws = "add plain draws by mission --runs" + ", of one radar by --radar" * bool(radars)
+    text = f"a bound has a standard error above {MOST_ERROR:g}; {draws}"
+    result.warnings += words.gathered(
+        (one.radar or "the mission", words.warning("band-imprecise", text))
+        for one in missions
+        if not one.drawn and one.largest_error > MOST_ERROR
+    )
     result.draw = partial(_draw, scenario=scenario, missions=missions, window=window, k=k)
     return result
 
@@ -294,8 +302,12 @@ def _mean(found: Cumulative) -> str:
 
 
 def _band(found: Cumulative, to: str) -> str:
-    """Return the bounds at the end, with a word between them."""
-    return f"{words.probability(found.lower[-1])} {to} {words.probability(found.upper[-1])}"
+    """Return the bounds at the end, with a word between them, and with a large standard error."""
+    ends = (found.lower[-1], found.lower_se[-1]), (found.upper[-1], found.upper_se[-1])
+    return f" {to} ".join(
+        words.probability(bound) + f" +/- {error:.1g}" * bool(error > MOST_ERROR)
+        for bound, error in ends
+    )
 
 
 def _answer(name: str, found: Cumulative, level: str, axis: Axis, k: float) -> list[str]:

@@ -28,7 +28,7 @@ from radar_sense.coverage.ranges import PRECISION, RangeAt, limit_of_radar, rang
 from radar_sense.coverage.rays import END, EVALUATIONS, FARTHEST, rays, survey
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
-from radar_sense.plausibility import below_ground
+from radar_sense.plausibility import height_of_option
 from radar_sense.propagation import AUTOMATIC, no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
@@ -172,7 +172,7 @@ def detection_range(
         for name, mask in off.items()
         for text in band_off(mask, axis, method, instead, f"{PRECISION:.0%}", " of the range")
     ]
-    result.warnings += below_ground(scenario, down_km)
+    result.warnings += height_of_option(scenario, down_km)
     result.warnings += gathered(warnings) if names else [text for _, text in warnings]
     if not warnings and any(np.isfinite(at.std).any() for of in ranges.values() for at in of):
         checked = f"both ends of the band checked by draws on {rays_in_all:,} rays"

@@ -17,6 +17,7 @@ from radar_sense.command import LEVEL, METHOD, Figure, Option, Result, command
 from radar_sense.cost import RATE, foresee
 from radar_sense.errors import InputError, counted
 from radar_sense.limits import ANY
+from radar_sense.plausibility import plausibility_warnings
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
@@ -41,6 +42,7 @@ MAX_VALUES, SHOWN = 1000, 40
         "radar-sense sweep my.yaml geometry.down_km -12 -1 0.5 --threshold 0.1",
         "radar-sense sweep network.yaml radars.ridge.p_fa 1e-8 1e-6 1e-7",
     ),
+    varies=True,
 )
 def sweep(
     scenario: Scenario,
@@ -82,7 +84,11 @@ def sweep(
         highest.append((*ends, np.max(moments.upper), 3.0 * np.max(moments.std)))
         if threshold is not None:
             tests.append(path_test(one, method, threshold, k, moments, probability is None))
-        for text in (*words.validity_warnings(one, moments, k), *words.table_warnings(one)):
+        for text in (
+            *plausibility_warnings(one),
+            *words.validity_warnings(one, moments, k),
+            *words.table_warnings(one),
+        ):
             found.append((axis.format(value), text))
         if len(highest) == 1:
             # The first value tells: how many poses and draws a test takes is not known before.
@@ -90,6 +96,8 @@ def sweep(
             further = counted(len(values) - 1, "further value")
             foresee(f"the {further}", rest * RATE, less="fewer values")
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
+    if tests:  # also between the rows of a path
+        bound = np.array([tested.test.upper[tested.worst] for tested in tests])
 
     # the column of an entry of a list ends with the number of the entry, and not with the unit
     result.table.add(column, values, axis.meaning, unit_name(key))

@@ -72,31 +72,38 @@ def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
     poses = len(scenario.aircraft)
     affordable = int(MAX_DRAWS / (poses * len(scenario.model.radars)))
     runs = max(min(runs, MAX_RUNS, affordable), LEAST_RUNS)
-    share = _shares_of_time(scenario)
+    step = None if scenario.time_s is None else np.diff(scenario.time_s)
     counts, hits, done = np.zeros(poses, dtype=np.intp), 0, 0
     total = squares = 0.0
     for p_d in _along_path(scenario, runs):
         above = p_d > p_max
         counts += np.count_nonzero(above, axis=0)
         hits += int(np.count_nonzero(above.any(axis=1)))
-        if share is not None:
-            time = above @ share
+        if step is not None:
+            time = share_above(p_max - p_d) @ step
             total, squares = total + float(time.sum()), squares + float(np.sum(time * time))
         done += len(p_d)
         report("runs along the path", done, runs)
     correlated = scenario.time_s is not None and scenario.correlation_s > 0
     has_anywhere = correlated or not (scenario.geometry.continuous and scenario.cov_aircraft.any())
-    mean = None if share is None else total / runs
+    mean = None if step is None else total / runs
     error = None if mean is None else math.sqrt(max(squares / runs - mean**2, 0.0) / runs)
     return Exceedance(counts, hits if has_anywhere else None, mean, error, runs)
 
 
-def _shares_of_time(scenario: Scenario) -> FloatArray | None:
-    """Return the time [s] that each pose stands for (n,), half of the steps beside it."""
-    if scenario.time_s is None:
-        return None
-    half = 0.5 * np.diff(scenario.time_s)
-    return np.append(half, 0.0) + np.insert(half, 0, 0.0)
+def share_above(margin: FloatArray) -> FloatArray:
+    """Return the share (..., n − 1) of each step with a negative margin (..., n).
+
+    The margin is linear between poses. A step to or from a pose without a margin is above.
+    """
+    known = np.isfinite(margin)
+    margin = np.where(known, margin, 0.0)
+    above, within = np.maximum(-margin, 0.0), np.maximum(margin, 0.0)
+    negative = above[..., :-1] + above[..., 1:]
+    whole = negative + within[..., :-1] + within[..., 1:]
+    # On a line from −b to a, b/(a + b) of the step is negative.
+    share = np.divide(negative, whole, out=np.zeros_like(negative), where=negative > 0)
+    return np.where(known[..., :-1] & known[..., 1:], share, 1.0)
 
 
 def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:

@@ -302,14 +302,21 @@ def test_bearings_are_no_poses_and_rounding_is_zero():
     assert "poses" not in " ".join(lines)
 
 
-@pytest.mark.parametrize("down_km", [None, -3, 0, 3])
-def test_a_height_below_the_ground_is_warned_of(down_km):
-    warnings = detection_range(scenario(), down_km=down_km, **QUICK).warnings
+@pytest.mark.parametrize("name", ["paper", "corridor"])
+@pytest.mark.parametrize(
+    ("down_km", "told"),
+    [(None, ""), (-3, ""), (0, ""), (3, "[below-ground]"), (-1000, "[too-high]")],
+)
+def test_a_height_that_an_option_does_not_mean_is_warned_of(name, down_km, told):
+    """With the origin of the corridor far radars are below its plane, by the curve of the earth."""
+    s = rs.load_scenario(f"configs/{name}.yaml")
+    warnings = detection_range(s, down_km=down_km, **QUICK).warnings
     options = {"north_km": (10, 20), "east_km": (10, 20), "step_km": 10, "down_km": down_km}
-    of_map = rs.analyses.coverage_map(scenario(), **options).warnings
+    of_map = rs.analyses.coverage_map(s, **options).warnings
     for texts in (warnings, of_map):
-        told = [text for text in texts if "below the origin and below every radar" in text]
-        assert len(told) == (down_km == 3)
+        found = [text for text in texts if text.startswith("the aircraft is")]
+        assert len(found) == bool(told)
+        assert all(text.endswith(told) for text in found)
 
 
 def test_edges_along_a_ray_are_counted():

@@ -68,6 +68,13 @@ def test_k_is_that_of_the_bounds_and_of_the_test():
         assert found["highest_upper"][row] == own.table["upper_2sigma"].max()
 
 
+def test_a_value_that_is_implausible_is_warned_of_and_not_that_of_the_file():
+    under = rs.load_scenario(changes={"geometry.down_km": 5})
+    result = analyses.sweep(under, key="geometry.down_km", start=-3, stop=3, step=3)
+    (text,) = (text for text in result.warnings if text.endswith("[below-ground]"))
+    assert text.startswith("3 km: the aircraft is 3000 m below the origin")
+
+
 def test_the_command_line(tool):
     args = ["sweep", "radar.position_m[3]", "-100", "-20", "40", "--method", "automatic"]
     code, out, err = tool(*args)

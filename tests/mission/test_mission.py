@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -183,6 +184,7 @@ def test_report(tool):
     summary = read_record("figures/flight_mission.json")["summary"]
     assert "141 looks, 100 to 1500 s, every 10 s; pose errors correlated over 60 s" in out
     assert out.startswith("detection by 1500 s: ")
+    out = re.sub(r" \+/- [\d.]+(?= and | \(3 sigma)", "", out)  # of a bound
     for p, name in (("cumulative_p_d", "detection"), ("track_p_d", "track, 3 of 5")):
         before = "track_" if p == "track_p_d" else ""
         ends = [found[f"{before}{end}_3sigma"][-1] for end in ("lower", "upper")]

@@ -10,6 +10,7 @@ from scipy.special import ndtr
 from studies.bands import cases
 
 import radar_sense as rs
+from radar_sense import words
 from radar_sense.mission import recombined
 from radar_sense.mission.bounds import PARTS, pooled_quantiles, upper_tails
 from radar_sense.mission.draws import draw_missions
@@ -130,12 +131,26 @@ def test_bounds_grow_with_time_and_have_standard_errors(tmp_path):
     assert list(result.table)[-1] == "mean_track_se_three"
     report = "\n".join(result.report)
     assert "\nlargest standard error of a bound: detection 0." in report
-    tops = result.summary["largest_standard_error_of_bounds"].values()
-    imprecise = max(top["value"] for top in tops) > 0.01
-    assert any("[band-imprecise]" in text for text in result.warnings) == imprecise
     # replicates and then runs are told
     assert [done for what, done, _ in seen if what == "replicates"] == list(range(1, 9))
     assert seen[-1] == ("runs", 20, 20)
+
+
+@pytest.mark.usefixtures("_fewer_draws")
+def test_imprecise_bounds_are_told_and_shown(tmp_path):
+    result = mission(load(tmp_path, list(RADARS), 60.0, 4000))
+    largest = {
+        radar: max(result.table[f"{end}_3sigma_se{radar}"].max() for end in ("lower", "upper"))
+        for radar in ("", *(f"_{name}" for name in RADARS))
+    }
+    named = [radar[1:] or "the mission" for radar, error in largest.items() if error > 0.01]
+    (warned,) = (text for text in result.warnings if text.endswith("[band-imprecise]"))
+    assert warned.startswith(f"{words.listed(named)}: a bound has a standard error above 0.01;")
+    for radar in RADARS:
+        error = result.table[f"upper_3sigma_se_{radar}"][-1]
+        (row,) = (line for line in result.report if line.startswith(f"  {radar} "))
+        shown = words.probability(result.table[f"upper_3sigma_{radar}"][-1])
+        assert f" to {shown}{f' +/- {error:.1g}' if error > 0.01 else ''})" in row
 
 
 @pytest.mark.usefixtures("_fewer_draws")
