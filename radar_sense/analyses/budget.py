@@ -92,13 +92,14 @@ def budget(
     if words.probability(at_pose) == "0" and not off.any():
         known = "P_D is certain" if at_pose == 0 else "3 sigma of P_D is below 1e-6"
         result.report += [f"nothing to measure: {known}"]
-    elif at_pose > 0:
+    elif at_pose > 0 and threshold is None:  # what a threshold needs is in its own rows
         result.report += _know_first(scenario, found)
     chosen = words.level_and_method(scenario)
     result.report += [f"3 sigma of P_D ({chosen}) at {axis.at(pose)}, and share of its variance:"]
+    shown = [c for c in (*finer, *parts) if c.three_sigma[pose] != 0]
     ranked, below = (
         sorted(group, key=lambda c: np.nan_to_num(-c.three_sigma[pose], nan=np.inf))
-        for group in (sources, (*finer, *parts))
+        for group in (sources, shown)
     )
     rows = [row for c in ranked for row in (c, *(part for part in below if part.part_of == c.name))]
     if not found.interaction_is_noise(method):
@@ -183,12 +184,12 @@ def _know_first(scenario: Scenario, found: Budget) -> list[str]:
 
 
 def _draw(figure: Figure, result: Result, found: Budget) -> None:
-    """Draw 3σ of the sources, of their parts as thin lines of the same colour, and of all."""
+    """Draw 3σ of the sources and of all; of one radar the parts as thin lines of the same colour."""
     from radar_sense import plotting
 
     model, total = result.scenario.model, found.total
     radars = model.names if len(model.radars) > 1 else ()
-    sources, parts = found.sources.values(), found.parts.values()
+    sources, parts = found.sources.values(), () if radars else found.parts.values()
     style_of = plotting.source_styles([*found.sources], radars)
     tops = {c.name: np.nanmax(c.three_sigma, initial=0.0) for c in (*sources, *parts, total)}
     seen = {n for n, top in tops.items() if len(tops) <= MANY or top >= VISIBLE * tops["total"]}
@@ -210,13 +211,9 @@ def _draw(figure: Figure, result: Result, found: Budget) -> None:
 
 
 def _in_words(c: Contribution, radars: Collection[str]) -> str:
-    """Return a source in words. A part is its parameter with the unit, and whose it is."""
+    """Return a source in words. A part of the constant is its parameter with the unit."""
     from radar_sense.plotting import key_in_words
 
-    source = c.part_of or c.name
-    if source not in radars:
-        source = source.replace("_", " ")
-    if not c.part_of:
-        return source
-    parameter = key_in_words(c.label.removeprefix("constant_"))
-    return parameter if c.part_of == "radar_constant" else f"{source} {parameter}"
+    if c.part_of:
+        return key_in_words(c.label)
+    return c.name if c.name in radars else c.name.replace("_", " ")
