@@ -19,6 +19,7 @@ from helpers import (
 from reference import reading
 from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
+from scipy.stats import norm
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -483,6 +484,18 @@ def test_runs_of_the_path_contradict_draws_that_missed_a_tail():
     for values in missed.above:
         values[:] = 0.0
     assert not decide(s, 0.5, 3.0, missed).holds.any()
+
+
+def test_the_chance_of_a_false_decision_is_of_all_stages_and_poses():
+    """It is 0.0005 in five stages of draws: for "holds" of a pose, for "violated" of a path."""
+    s, tail = scenario(geometry__azimuth_deg=FEW), ndtr(-3)
+    drawn = dataclasses.replace(estimate(s.states(), 1024, 3.0, 0.9999), draws=np.full(2, LAST))
+    drawn.errors[4] = tail / 10
+    for side, errors in ((-1, norm.isf(0.0005 / 5)), (1, norm.isf(0.0005 / 5 / 2))):
+        for part in (0.99, 1.01):
+            drawn.values[4] = tail * (1 + side * part * errors / 10)
+            found = decide(s, 0.9999, 3.0, drawn)
+            assert np.all((found.holds if side < 0 else found.violated) == (part > 1))
 
 
 def test_a_probability_is_tested_alone():
