@@ -113,6 +113,7 @@ def test_the_origin_changes_nothing(tmp_path):
         rows = np.stack([60.0 * np.arange(13), lat + north, lon + east, heights], axis=1)
         moved = [here, *(here + rng.uniform([-18, -18, -100], [18, 18, 5e3], (2, 3)))]
         moved = np.clip(moved, [-89, -999, -999], [89, 999, 9e3])
+        moved[1:, 1] %= 360  # a longitude may be east of Greenwich all around
         scenarios = [written(tmp_path, radars, rows, origin, aircraft=AIRCRAFT) for origin in moved]
         margin = np.array([[sees(radar, row[1:]) for radar in radars] for row in rows])
         bands = [propagate_scenario(s, method="probit") for s in scenarios]
