@@ -13,7 +13,8 @@ import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.axis import azimuth
 from radar_sense.montecarlo.adaptive import Verdict
-from radar_sense.propagation import METHODS
+from radar_sense.montecarlo.statistics import DrawStatistics
+from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.linear import Linear
 from radar_sense.scenario_file.load import load_scenario
@@ -259,6 +260,18 @@ def test_the_draws_of_compare_are_not_those_of_automatic(monkeypatch):
         monkeypatch.setattr(sys.modules["radar_sense.analyses.compare"], "TOGETHER", 4 * draws)
         table = analyses.compare(s).table
         assert table["mc_upper"] != estimate(s.states(), draws, 3.0).bounds[0][1]
+
+
+@pytest.mark.parametrize(("errors", "told"), [(3.9, False), (4.1, True)])
+def test_compare_tells_a_difference_of_four_standard_errors(monkeypatch, errors, told):
+    """The draws are made up: they are by linear, and probit is off by so many errors."""
+    s = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
+    found = [propagate_scenario(s, method=method) for method in ("linear", "probit")]
+    drawn, other = np.array([[m.mean, m.std, m.lower, m.upper] for m in found])
+    made_up = 1024, DrawStatistics(*drawn), DrawStatistics(*(abs(other - drawn) / errors))
+    module = sys.modules["radar_sense.analyses.compare"]
+    monkeypatch.setattr(module, "_draw_tails", lambda *_: made_up)
+    assert ("probit" in analyses.compare(s).summary["methods_told"]) == told
 
 
 def test_compare_takes_draws_as_the_poses_allow():
