@@ -10,12 +10,14 @@ from helpers import scenario, with_arrays
 
 import radar_sense as rs
 from radar_sense.acceptance.threshold import decide, path_test
+from radar_sense.model.antenna import ElevationGain
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
-from radar_sense.model.radar import Radar
+from radar_sense.model.radar import Level, Radar
+from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.propagation import METHODS, band_of_scenario, distribution, propagate_scenario
 from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.staged import FIRST, GROWTH, LAST, StagedDraws
+from radar_sense.propagation.staged import FIRST, GROWTH, LAST, PRECISE, StagedDraws
 
 #: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
 EXPANSION = 2 * (3 + 4) + 1
@@ -128,6 +130,20 @@ def test_no_draws_are_made_where_p_d_itself_is_above_the_limit(count):
     poses = len(tested.path.scenario.aircraft)
     _, values = count(lambda s: path_test(s, "linear", p_max, 3.0, band, True), s)
     assert values * len(s.aircraft) - tested.decision.runs.runs * poses < FIRST
+
+
+@pytest.mark.parametrize(
+    ("lobes", "gain_deg", "draws"), [(36, 4, FIRST), (45, 4, PRECISE), (36, 2, PRECISE)]
+)
+def test_a_first_look_is_precise_where_errors_are_wider_than_a_lobe(lobes, gain_deg, draws):
+    """Within 3 sigma the yaw is known to 9 deg, and the tilt to 3 deg."""
+    s = scenario(uncertainty__aircraft={"position_m": 1, "attitude_deg": 1.5}).at_poses(slice(2))
+    gain = ElevationGain(np.radians([0.0, gain_deg]), [0.0, -10.0])
+    model = dataclasses.replace(s.radars[0].model, rcs=SpikeballRCS(lobes, 1, 1), antenna=gain)
+    levels = {s.level: Level(np.zeros((4, 4)), tilt_std=np.radians(0.5))}
+    radar = dataclasses.replace(s.radars[0], model=model, levels=levels)
+    staged = StagedDraws(dataclasses.replace(s, radars=(radar,)).states(), 3.0)
+    assert staged.until(lambda rows, found: rows >= 0, LAST).draws.tolist() == [draws] * 2
 
 
 def test_form_of_the_radars_that_see_a_pose(half_blind):
