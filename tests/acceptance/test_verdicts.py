@@ -477,13 +477,18 @@ def test_a_path_that_is_not_resolved_does_not_hold(monkeypatch):
         assert found.test.verdict == verdict
 
 
-def test_runs_of_the_path_contradict_draws_that_missed_a_tail():
-    """The draws are made up: they have no P_D above the threshold, with an error of 0."""
-    s = scenario(geometry__azimuth_deg=FEW)
-    missed = dataclasses.replace(estimate(s.states(), 1024, 3.0, 0.5), draws=np.full(2, LAST))
-    for values in missed.above:
-        values[:] = 0.0
-    assert not decide(s, 0.5, 3.0, missed).holds.any()
+@pytest.mark.parametrize(
+    ("at", "errors", "holds"), [(1, 0, False), (3.3, 0, False), (3.3, 0.1, True)]
+)
+def test_runs_of_the_path_contradict_draws_that_missed_a_tail(at, errors, holds):
+    """The draws are made up: they have no P_D above the threshold, with an error."""
+    s = scenario(geometry__azimuth_deg=FEW).at_poses(slice(1))
+    p_max = float(distribution(s, "form").quantile(at)[0])
+    missed = dataclasses.replace(estimate(s.states(), 1024, 3.0, p_max), draws=np.full(1, LAST))
+    missed.values[4], missed.errors[4] = 0.0, errors * ndtr(-3)
+    found = decide(s, p_max, 3.0, missed)
+    assert found.runs.counts[0] > 0
+    assert found.holds[0] == holds
 
 
 def test_the_chance_of_a_false_decision_is_of_all_stages_and_poses():
