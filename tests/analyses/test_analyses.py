@@ -19,7 +19,7 @@ from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.linear import Linear
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.sources import error_budget
-from radar_sense.words import describe_extreme, describe_span, peak
+from radar_sense.words import describe_extreme, describe_span, peak, probability
 from radar_sense.words import describe_poses as where
 
 ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)
@@ -262,16 +262,29 @@ def test_the_draws_of_compare_are_not_those_of_automatic(monkeypatch):
         assert table["mc_upper"] != estimate(s.states(), draws, 3.0).bounds[0][1]
 
 
-@pytest.mark.parametrize(("errors", "told"), [(3.9, False), (4.1, True)])
-def test_compare_tells_a_difference_of_four_standard_errors(monkeypatch, errors, told):
-    """The draws are made up: they are by linear, and probit is off by so many errors."""
+@pytest.mark.parametrize(
+    ("right", "other", "errors", "told"),
+    [("linear", "probit", 3.9, False), ("linear", "probit", 4.1, True),
+     ("montecarlo", "form", 100, True)],
+)  # fmt: skip
+def test_compare_tells_a_difference_of_four_standard_errors(
+    monkeypatch, right, other, errors, told
+):
+    """The draws are made up: they are by one method, and another is off by so many errors."""
     s = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
-    found = [propagate_scenario(s, method=method) for method in ("linear", "probit")]
-    drawn, other = np.array([[m.mean, m.std, m.lower, m.upper] for m in found])
-    made_up = 1024, DrawStatistics(*drawn), DrawStatistics(*(abs(other - drawn) / errors))
+    found = [propagate_scenario(s, method=method) for method in (right, other)]
+    drawn, off = np.array([[m.mean, m.std, m.lower, m.upper] for m in found])
+    error = DrawStatistics(*(abs(off - drawn) / errors))
+    made_up = 1024, DrawStatistics(*drawn), error
     module = sys.modules["radar_sense.analyses.compare"]
     monkeypatch.setattr(module, "_draw_tails", lambda *_: made_up)
-    assert ("probit" in analyses.compare(s).summary["methods_told"]) == told
+    result = analyses.compare(s)
+    assert (other in result.summary["methods_told"]) == told
+    noise = probability(4 * max(error.lower[0], error.upper[0]))
+    assert result.report[-1] == f"noise of the draws: up to {noise} at 45 deg in a bound"
+    # which is a method that draws cannot be compared with
+    assert right in result.report[0]
+    assert "--method montecarlo" not in result.report[0]
 
 
 def test_compare_takes_draws_as_the_poses_allow():
