@@ -163,12 +163,13 @@ def test_a_mask_hides_what_is_below_it(tmp_path):
     assert_allclose(p_d[seen], free.model.p_d(s.aircraft, s.radar)[seen], rtol=0)
 
 
-def test_sight_is_certain_where_it_says_so():
+@pytest.mark.parametrize("masked", [True, False])
+def test_sight_is_certain_where_it_says_so(masked):
     rng = np.random.default_rng(7)
     mask = rs.Mask(np.deg2rad([0.0, 50.0, 180.0, 300.0]), np.deg2rad([1.0, 4.0, -2.0, 0.5]))
     model = rs.DetectionModel(rs.ConstantRCS(1.0), P_FA)
     limits = {"max_range": 8e4, "min_range": 5e3, "horizon": rs.Horizon()}
-    radar = rs.Radar(model, mask=mask, **limits)
+    radar = rs.Radar(model, mask=mask if masked else None, **limits)
     n = 400
     aircraft = np.zeros((n, 6))
     aircraft[:, :2] = rng.uniform(-7e4, 7e4, (n, 2))
