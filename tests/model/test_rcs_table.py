@@ -552,3 +552,13 @@ def test_what_elevations_may_miss_is_warned_of(here):
     write(here / "t.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows)
     result = analyses.rcs(scenario(aircraft__rcs={"model": "table", "file": "t.csv"}))
     assert len(np.unique(result.table["azimuth_deg"])) == 360
+
+
+def test_the_extremes_of_a_table_are_within_it_and_none_is_missed(here):
+    """Beyond it the outermost values hold, which nobody has measured. Its steps are those here."""
+    nodes = [(a, e) for a in range(0, 360, 30) for e in range(-5, 31, 5)]
+    rows = (f"{a},{e},{100 if (a, e) == (30, 30) else 1}" for a, e in nodes)
+    write(here / "t.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows)
+    result = analyses.rcs(scenario(aircraft__rcs={"model": "table", "file": "t.csv"}))
+    assert result.report[0] == "largest RCS 20.0 dBsm at azimuth 30 deg, elevation 30 deg"
+    assert result.warnings == ()
