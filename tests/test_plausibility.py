@@ -37,6 +37,8 @@ def test_ordinary_scenarios_have_no_warning(tmp_path):
     assert plausibility_warnings(scenario()) == ()
     assert of_route(tmp_path, ROUTE) == ()
     assert geodetic(tmp_path) == ()
+    # a height below its deviation, as of a flight that lands
+    assert of_route(tmp_path, ROUTE.replace("-9000", "-8", 1).replace("-9000", "-12")) == ()
     # low flight below a radar on a mountain
     on_mountain = scenario(radar__position_m=[0, 0, -2500], geometry__down_km=-0.3)
     assert plausibility_warnings(on_mountain) == ()

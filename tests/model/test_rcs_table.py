@@ -543,9 +543,9 @@ def test_a_narrow_row_of_a_table_is_its_largest_value(here):
 
 def test_what_elevations_may_miss_is_warned_of(here):
     """Of an ellipsoid narrow in elevation, not of a spikeball, and not of a flat table."""
-    plate = {"model": "ellipsoid_exact", "x_m": 0.1, "y_m": 0.1, "z_m": 3}
+    plate = {"model": "ellipsoid_exact", "x_m": 0.1, "y_m": 0.1, "z_m": 0.7}
     (text,) = analyses.rcs(scenario(aircraft__rcs=plate)).warnings
-    assert text.startswith("the RCS may have lobes of 1.9 deg, and the table has steps of 5 deg")
+    assert text.startswith("the RCS may have lobes of 8.2 deg, and the table has steps of 5 deg")
     assert text.endswith("in elevation: it may miss lobes, and so may the extremes [rcs-fine]")
     # fine elevations of a table do not cost it its azimuths
     rows = [f"{a},{e},{1 + a % 7}" for a in range(0, 360, 30) for e in (-0.36, -0.35, -0.34, -0.33)]
