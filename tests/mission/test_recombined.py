@@ -12,7 +12,7 @@ from studies.bands import cases
 import radar_sense as rs
 from radar_sense import words
 from radar_sense.mission import recombined
-from radar_sense.mission.bounds import PARTS, pooled_quantiles, upper_tails
+from radar_sense.mission.bounds import PARTS, Weighted, pooled, pooled_quantiles, upper_tails
 from radar_sense.mission.draws import draw_missions
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import choose, combine, recombined_missions, widened_normals
@@ -249,9 +249,9 @@ def test_a_pooled_quantile_is_the_one_of_all_draws():
     values = rng.exponential(size=(8, 40, 4000))
     tails = tails_of(values)
     exact = np.quantile(np.concatenate(values, axis=1), ndtr(3.0), axis=1, method="hazen")
-    pooled = -pooled_quantiles(-tails, RANKS)
-    np.testing.assert_allclose(pooled, exact, atol=0.2)
-    assert np.mean(pooled - exact) == pytest.approx(0.0, abs=0.03)
+    found = -pooled_quantiles(-tails, RANKS)
+    np.testing.assert_allclose(found, exact, atol=0.2)
+    assert np.mean(found - exact) == pytest.approx(0.0, abs=0.03)
     constant = pooled_quantiles(np.full((8, 3, len(RANKS)), 0.25), RANKS)
     np.testing.assert_allclose(constant, 0.25, rtol=1e-15)
 
@@ -266,8 +266,17 @@ def test_a_pooled_quantile_does_not_cross_a_jump(probability):
     # within the step from one rank of a replicate to the next
     near = 1 - ndtr(-3.0) * np.array([1.1, 0.9])
     low, high = np.quantile(np.concatenate(values, axis=1), near, axis=1)
-    pooled = -pooled_quantiles(-tails, RANKS)
-    assert np.all((low - 0.01 < pooled) & (pooled < high + 0.01))
+    found = -pooled_quantiles(-tails, RANKS)
+    assert np.all((low - 0.01 < found) & (found < high + 0.01))
+
+
+def test_two_replicates_differ_by_twice_the_standard_error():
+    """And by twice what the difference adds to the deviation of all draws."""
+    both = (Weighted(*np.array([[m], [0.09]]), *np.full((2, 1, len(RANKS)), m)) for m in (0.4, 0.6))
+    found = pooled(RANKS, np.array([[0.5]]), *both)
+    for error in (found.mean_se, found.lower_se, found.upper_se):
+        assert error[0] == pytest.approx(0.1, rel=1e-12)
+    assert found.std[0] == pytest.approx(math.hypot(0.3, 0.1), rel=1e-12)
 
 
 @pytest.mark.parametrize("k", [0.5, 2.0])
