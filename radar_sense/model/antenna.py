@@ -104,7 +104,7 @@ class ElevationGain(_Directions):
         """
         elevation = self._from_axis(line, tilt_error)
         inside, (curve, slope) = self._inside(elevation), self._curves
-        by_elevation = np.where(elevation == inside, slope(inside), 0.0)
+        by_elevation = slope(inside)
         # With ρ the level part of d and h along down, the elevation is atan2(h, ρ).
         level, height, across = self._level_parts(line)
         along = np.divide(-height, across, out=np.zeros_like(across), where=across > 0)
@@ -135,7 +135,7 @@ class ElevationGain(_Directions):
         from scipy.interpolate import PchipInterpolator  # slow to import
 
         # a further node on each side makes the slope 0 at the ends, as it is beyond them
-        ends = self.elevation[[0, -1]] + np.diff(self.elevation)[[0, -1]] * [-1.0, 1.0]
+        ends = self.elevation[[0, -1]] + [-1.0, 1.0]
         gain = np.pad(self.gain_db, 1, mode="edge")
         curve = PchipInterpolator(np.insert(ends, 1, self.elevation), 2.0 * NEPERS * gain)
         return curve, curve.derivative()
