@@ -43,6 +43,16 @@ def test_a_violated_threshold_requires_something(constant, std, p_max, impossibl
     assert (required["all"]["factor"] is None) == impossible
 
 
+@pytest.mark.all_draws
+def test_the_bound_of_a_violated_threshold_is_above_it():
+    """By FORM it is 0.7267, and by draws 0.7277: each is within the tolerance of the other."""
+    s = near("constant: 0.004", 0.0012).at_poses(slice(0, 1))
+    result = rs.analyses.variance(s, threshold=0.7271)
+    assert result.summary["threshold"]["verdict"] == "violated"
+    assert rs.analyses.variance(s).table["upper_3sigma"][0] < 0.7271
+    assert result.table["margin"][0] < 0
+
+
 def test_a_target_asks_for_no_more_than_it_takes(monkeypatch):
     """σ by FORM is 2.4 times too large, because c_r may be 0 by two of its deviations."""
     monkeypatch.setattr("radar_sense.accuracy.MANY", MANY)
