@@ -277,6 +277,9 @@ def test_an_antenna_beyond_its_elevations_is_told(tool, tmp_path):
     done = tool("check", "my.yaml")
     assert done.code == 0
     assert "the gain of an antenna is used up to 9.31 deg beyond its elevations" in done.err
+    hidden = tool("check", "my.yaml", "--set", "radar.max_range_km=60")
+    assert "no radar sees the aircraft" in hidden.err
+    assert "the gain of an antenna" not in hidden.err
 
 
 @pytest.mark.parametrize(
