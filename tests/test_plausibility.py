@@ -224,6 +224,26 @@ def test_a_step_longer_than_the_route(tmp_path):
     )
     path["interpolate"] = {"step_s": 40}
     assert of_route(tmp_path, ROUTE, geometry=path) == ()
+    alone = rs.load_scenario(tmp_path / "scenario.yaml").at_poses(slice(1))
+    assert plausibility_warnings(alone) == ()
+
+
+def test_a_signal_at_one_pose_is_enough():
+    line = {"type": "radial", "azimuth_deg": 0, "down_km": -3}
+    line["range_km"] = {"start": 10, "stop": 1000, "step": 990}
+    s = scenario(geometry=line, radar__constant=0.01, **CERTAIN)
+    assert s.p_d()[1] < 1e-3 < 0.9 < s.p_d()[0]
+    assert plausibility_warnings(s) == ()
+
+
+def test_the_radar_constant_that_is_known_worst_is_named():
+    (radar,) = scenario().radars
+    level = dataclasses.replace(radar.levels["medium"], covariance=np.diag([1, 1, 1, 0.25]))
+    weak = {"state": np.array([0, 0, 0, 1.0]), "levels": {"medium": level}}
+    strong = dataclasses.replace(radar, name="strong", levels={"medium": radar.levels["medium"]})
+    radars = (strong, dataclasses.replace(radar, name="weak", **weak))
+    (warning,) = plausibility_warnings(dataclasses.replace(scenario(), radars=radars))
+    assert warning.startswith("c_r of radar weak is 1 with sigma 0.5 at the level medium")
 
 
 def test_a_path_in_place_of_the_poses_of_a_file():
