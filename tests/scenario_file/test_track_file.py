@@ -103,6 +103,12 @@ def test_every_format_has_the_route_of_a_csv_file(load):
     same(load("a.csv", "time,icao24,lat,lon,geoaltitude\n" + "".join(rows)), on_ellipsoid)
 
 
+def test_a_place_at_two_times_of_its_position_is_two_places(load):
+    rows = [f"{t},abc123,47.{p},8,900,{t}" for t, p in ((5, 1), (10, 2), (15, 2), (20, 3))]
+    text = "\n".join(["time,icao24,lat,lon,geoaltitude,lastposupdate", *rows])
+    assert load("a.csv", text).time_s.tolist() == [0, 5, 10, 15]
+
+
 def test_waypoints_with_a_speed(load):
     places = [ecef(*place) for _, *place in POINTS]
     legs = [math.dist(*ends) for ends in pairwise(places)]  # as good as arcs, to 1e-8
