@@ -188,7 +188,7 @@ def test_a_second_question_makes_no_draw_twice(monkeypatch):
         return estimate(states, draws, *args)
 
     monkeypatch.setattr("radar_sense.propagation.staged.estimate", counted)
-    staged, wanted = StagedDraws(states, 3.0), FIRST * GROWTH ** np.arange(4)
+    staged, wanted = StagedDraws(states, 3.0), FIRST * GROWTH ** np.arange(5)
     for last in (np.resize(wanted, len(states)), np.resize(wanted[::-1], len(states))):
         drawn = staged.until(lambda rows, found, last=last: found.draws >= last[rows], LAST)
         np.testing.assert_array_equal(drawn.draws, last)
