@@ -428,6 +428,7 @@ def test_the_summary_of_the_rcs():
     smallest, largest = result.summary["smallest"], result.summary["largest"]
     assert smallest["rcs_m2"] == pytest.approx(np.pi * (0.2 * 0.15 / 0.3) ** 2, rel=1e-14)
     assert abs(smallest["elevation_deg"]) == 90
+    assert result.report[1].endswith(" dBsm straight below and above")
     assert largest["rcs_m2"] == pytest.approx(np.pi * (0.2 * 0.3 / 0.15) ** 2, rel=1e-14)
     assert (abs(largest["azimuth_deg"]), largest["elevation_deg"]) == (90, 0)
     angle = np.deg2rad(np.arange(0.0, 360, 1))
