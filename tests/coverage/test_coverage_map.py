@@ -272,6 +272,17 @@ def test_the_contour_may_be_beyond_a_blind_zone():
     assert (result.table["p_d"] >= 0.1).any()
 
 
+@pytest.mark.parametrize("yaw", [0, 90])
+def test_the_contour_may_leave_two_sides_alone(yaw):
+    """P_D reaches 0.1 three times as far ahead and behind as abeam."""
+    thin = {"model": "ellipsoid_exact", "x_m": 0.1, "y_m": 0.3, "z_m": 0.3}
+    radar = {"constant": 4e-4, "p_fa": 1e-6, "detector": "swerling1", "position_m": [0, 0, -3e3]}
+    keys = {"geometry__range_km": 10, "aircraft__attitude_deg": [0, 0, yaw], "radar": radar}
+    result = coverage_map(scenario(aircraft__rcs=thin, **keys))
+    farthest = (4e-4 * np.pi * 0.9**2 / (1.380649e-23 * 5)) ** 0.25
+    assert farthest < result.table["north_m"].max() < 1.3 * farthest
+
+
 def test_a_lobe_between_the_tens_of_degrees_of_elevation_is_found(tmp_path):
     """The lobe is one degree wide, at elevations from −6 to −4 deg: brute force over headings."""
     rows = [
