@@ -107,6 +107,8 @@ def test_without_uncertainty_the_probability_is_zero_or_one():
     runs = result.summary["threshold"]["runs"]
     assert result.passed
     assert f"P(P_D > 0.7): in none of {runs:,} runs" in result.report
+    found = result.summary["threshold"]["highest_probability_above"]
+    assert found["standard_error"] == pytest.approx(1 / runs, rel=0.01)  # as of one more run
 
 
 def test_draws_decide():
