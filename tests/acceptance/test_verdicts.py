@@ -131,6 +131,20 @@ def test_draws_decide():
         assert not (on_it.holds[0] and on_it.violated[0])
 
 
+@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("k", [2.999, 2.9999, 3.0001, 3.001])
+def test_no_verdict_is_wrong_just_beside_the_limit(seed, k):
+    """Only c_r is uncertain, and P(P_D > P_max) is Φ(−k). A stratum of the draws ends at Φ(3)."""
+    certain = {"position_m": 0, "attitude_deg": 0}
+    s = scenario(
+        geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1},
+        uncertainty={"aircraft": certain, "radar": {"medium": {"position_m": 0, "constant": 5}}},
+    ).with_analysis(seed=seed)
+    p_max = s.model.p_d(s.aircraft, np.add(s.radar, [0, 0, 0, 5 * k]))[0]
+    found = decide(s, float(p_max), 3.0)
+    assert not (found.holds[0] if k < 3 else found.violated[0])
+
+
 @pytest.mark.usefixtures("few_judge")
 def test_poses_between_rows_have_the_draws_of_the_poses_alone(tmp_path):
     s = past(tmp_path)
