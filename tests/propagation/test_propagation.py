@@ -290,6 +290,16 @@ def test_a_radar_constant_that_is_half_the_time_zero():
     assert found.lower == pytest.approx(p_d_at(-3.0), rel=1e-12)
 
 
+@pytest.mark.parametrize("percent", [50, 100, 200])
+def test_form_has_a_value_where_a_radar_constant_may_be_zero(percent):
+    """Then the least P_D within 3 sigma is that without a signal, whatever else is uncertain."""
+    cov_radar = independent(1e3, 1e3, 1e3, percent / 100 * RADAR[3])
+    poses = AIRCRAFT[::30]
+    found = propagate(MODEL, poses, RADAR, COV_AIRCRAFT, cov_radar, method="form")
+    assert np.isfinite(found.std).all()
+    assert_allclose(found.lower, MODEL.p_d(poses, RADAR * [1, 1, 1, 0]), rtol=1e-12)
+
+
 @pytest.mark.parametrize("beta", [-4.5, -3.0, -0.5, 0.5, 2.0, 4.5])
 def test_extremes_of_a_monotone_function_are_exact(beta):
     """FORM itself, without its correction; above −1/0.3, where c_r is zero, z is the model's."""
