@@ -119,6 +119,11 @@ def test_below_the_ground(tmp_path):
 CERTAIN = {"uncertainty__radar__medium__constant": 0}
 
 
+#: A line from 10 km, where P_D is 1, to 1000 km, where it is that without a signal.
+OUTWARD = {"type": "radial", "azimuth_deg": 0, "down_km": -3}
+OUTWARD["range_km"] = {"start": 10, "stop": 1000, "step": 990}
+
+
 def away(km):
     return {"geometry__range_km": km, "radar__constant": 1e6}
 
@@ -133,7 +138,11 @@ def sigma_of_constant(value, level="medium"):
 
 #: An implausible scenario, its only warning, and one that is still plausible.
 IMPLAUSIBLE = [
-    ({"radar__max_range_km": 100}, "no radar sees the aircraft at a nominal pose: see max_ra", {}),
+    (
+        {"radar__max_range_km": 100},
+        "no radar sees the aircraft at a nominal pose: see max_ra",
+        {"geometry": OUTWARD, "radar__constant": 0.01, **CERTAIN},
+    ),
     (away(1310), "the aircraft is at least 1310 km from the radar: are positions", away(1300)),
     (
         {"geometry__down_km": -3000, **sigma(1), "radar__constant": 1e6},
@@ -226,14 +235,6 @@ def test_a_step_longer_than_the_route(tmp_path):
     assert of_route(tmp_path, ROUTE, geometry=path) == ()
     alone = rs.load_scenario(tmp_path / "scenario.yaml").at_poses(slice(1))
     assert plausibility_warnings(alone) == ()
-
-
-def test_a_signal_at_one_pose_is_enough():
-    line = {"type": "radial", "azimuth_deg": 0, "down_km": -3}
-    line["range_km"] = {"start": 10, "stop": 1000, "step": 990}
-    s = scenario(geometry=line, radar__constant=0.01, **CERTAIN)
-    assert s.p_d()[1] < 1e-3 < 0.9 < s.p_d()[0]
-    assert plausibility_warnings(s) == ()
 
 
 def test_the_radar_constant_that_is_known_worst_is_named():
