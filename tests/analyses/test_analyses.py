@@ -19,7 +19,7 @@ from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.linear import Linear
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.sources import error_budget
-from radar_sense.words import describe_extreme, describe_span, peak, probability
+from radar_sense.words import describe_extreme, describe_span, gathered, peak, probability
 from radar_sense.words import describe_poses as where
 
 ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)
@@ -335,6 +335,19 @@ def test_the_places_of_an_extreme_in_words(count, places):
     along = azimuth(10.0 * np.arange(5))
     top = peak(np.where(np.arange(5) < count, 0.25, 0.0), along)
     assert describe_extreme(top, along) == f"0.2500 at {places}"
+
+
+def test_what_several_warn_of_is_one_line():
+    found = gathered((f"r{i}", "off [band-off]") for i in range(6))
+    assert found == ("r0, r1, r2 and 3 more: off [band-off]",)
+
+
+def test_a_bound_by_too_few_draws_is_not_precise():
+    """A thousand judge here, at the most."""
+    s = load_scenario("configs/gap_fillers.yaml").at_poses(slice(30, 31))
+    result = analyses.variance(s, method="automatic")
+    assert result.table["error_3sigma"][0] > 0.005
+    assert "the automatic band is not precise at 60 deg" in "".join(result.warnings)
 
 
 @pytest.mark.parametrize(
