@@ -6,7 +6,7 @@ import runpy
 import numpy as np
 import pytest
 import yaml
-from helpers import CONFIGS, direction, document, read_record, scenario
+from helpers import CONFIGS, OVERHEAD, direction, document, read_record, scenario
 from studies.bands import model as independent
 
 import radar_sense as rs
@@ -521,6 +521,9 @@ def test_poses_beyond_the_table_are_counted(here):
         assert any("beyond it at all 5 poses" in warning for warning in analysis(s).warnings)
     write(here / "t.csv", *flat(-10, 30))
     assert not any("RCS table" in w for w in analyses.montecarlo(scenario(**change)).warnings)
+    write(here / "t.csv", *flat(-90, 90))  # nothing is beyond straight below
+    above = {**change, **OVERHEAD, "aircraft__attitude_deg": [2, 1, 0]}
+    assert not [*table_warnings(scenario(**above))]
 
 
 @pytest.mark.parametrize(("lobes", "warned"), [(4, False), (360, False), (99_999, True)])
