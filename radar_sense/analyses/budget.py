@@ -184,7 +184,7 @@ def _know_first(scenario: Scenario, found: Budget) -> list[str]:
 
 
 def _draw(figure: Figure, result: Result, found: Budget) -> None:
-    """Draw 3σ of the sources and of all; of one radar the parts as thin lines of the same colour."""
+    """Draw 3σ of all and of the sources, and of a single radar the parts, as thin lines."""
     from radar_sense import plotting
 
     model, total = result.scenario.model, found.total
