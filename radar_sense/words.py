@@ -115,10 +115,10 @@ WARNINGS: dict[str, str] = {
         "which takes the numbers of the draws there."
     ),
     "reference-imprecise": (
-        "Few of the draws that `convergence` compares with reach where P_D changes, so sigma of "
-        "P_D and all errors in units of it are rough."
+        "Few of the draws that `convergence` compares with reach where P_D changes at these poses, "
+        "so sigma of P_D is rough there, and is no unit of errors."
     ),
-    "sigma-zero": ("Nothing is uncertain at these poses, so errors have no unit there."),
+    "sigma-zero": "Sigma of P_D is below 1e-6 at these poses, so errors have no unit there.",
     "sources-correlated": (
         "Off-diagonal covariances connect sources, so the squares of their sigmas do not add up "
         "to that of the total."

@@ -144,7 +144,10 @@ def compare(
         farthest = {m: words.probability(largest[m]["bounds"]["value"]) for m in whole}
         best = [m for m in whole if farthest[m] == min(farthest.values(), key=float)]
         nearest = f"nearest to {draws:,} draws a pose: {words.listed(best)}"
-        result.report.insert(0, f"{nearest}, bounds within {bounds[best[0]]}")
+        nearest += f", bounds within {bounds[best[0]]}"
+        if noise["value"] > float(farthest[best[0]]):
+            nearest += f", but for the noise of the draws, {shown}"
+        result.report.insert(0, nearest)
     result.summary |= {
         "runs": draws,
         "k": k,

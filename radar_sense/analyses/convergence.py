@@ -20,6 +20,7 @@ from radar_sense.command import (
 )
 from radar_sense.limits import Limit
 from radar_sense.montecarlo.convergence import (
+    LARGEST_ERROR,
     LEAST_STD,
     RATE_SIZES,
     REPLICATIONS,
@@ -33,8 +34,6 @@ from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.words import placed, warning
 
-#: Standard error of σ of P_D, as a part of it, above which the errors have no sure unit.
-LARGEST_ERROR = 0.1
 #: Limit of the largest number of runs.
 LIMIT = Limit(at_least=2, at_most=2**17, whole=True)
 
@@ -117,13 +116,17 @@ def _warnings(measured: Convergence) -> Iterator[str]:
     if (count := len(measured.runs)) < RATE_SIZES:
         text = f"too few numbers of runs for a rate: {count}; take {2**RATE_SIZES} runs or more"
         yield warning("runs-few", text)
-    zero = ~(measured.reference[1] > LEAST_STD)
-    others = "" if zero.all() else "; the errors are of the other poses"
-    text = "sigma of P_D, the unit of the errors, is zero"
-    yield from placed("sigma-zero", zero, measured.axis, text, others)
-    if (error := measured.reference_error["std"]) > LARGEST_ERROR:
-        text = f"sigma of P_D, the unit of the errors, is known to {error:.0%} only; take more runs"
-        yield warning("reference-imprecise", text)
+    unknown, zero = measured.unknown, ~(measured.reference[1] > LEAST_STD)
+    others = "" if np.all(zero | unknown) else "; the errors are of the other poses"
+    text = "sigma of P_D, the unit of the errors, is"
+    yield from placed("sigma-zero", zero & ~unknown, measured.axis, f"{text} zero", others)
+    yield from placed(
+        "reference-imprecise",
+        unknown,
+        measured.axis,
+        f"{text} known to no better than {LARGEST_ERROR:.0%}",
+        f"{others}; take more runs",
+    )
 
 
 def _draw(figure: Figure, runs: FloatArray, errors: Mapping[str, Mapping[str, FloatArray]]) -> None:

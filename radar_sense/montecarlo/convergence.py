@@ -36,8 +36,9 @@ REPLICATIONS = 32
 REFERENCES, REFERENCE_FACTOR = 8, 2
 #: Most runs drawn at a time, a power of two. Another number would give other random numbers.
 BLOCK = 4096
-#: A smaller standard deviation of P_D counts as zero.
-LEAST_STD = 1e-12
+#: A smaller standard deviation of P_D counts as zero, as in print. One whose standard error in the
+#: reference is a larger part of it is not known.
+LEAST_STD, LARGEST_ERROR = 1e-6, 0.1
 #: The statistics, as rows of an array.
 STATISTICS = {"mean": slice(0, 1), "std": slice(1, 2), "quantile": slice(2, 4)}
 
@@ -59,10 +60,10 @@ def estimate(p_d: FloatArray) -> FloatArray:
 def root_mean_square(difference: FloatArray, std: FloatArray) -> dict[str, FloatArray]:
     """Return RMS differences (k,) by statistic, over repetitions and poses, in units of σ_pd.
 
-    Those of estimates are (repetitions, k, 4, n). Poses are left out where σ_pd (n,) is zero. The
+    Those of estimates are (repetitions, k, 4, n). Poses are left out where σ_pd (n,) is NaN. The
     differences are NaN without poses.
     """
-    usable = std > LEAST_STD
+    usable = np.isfinite(std)
     if not usable.any():
         return dict.fromkeys(STATISTICS, np.full(difference.shape[1], np.nan))
     square = (difference[..., usable] / std[usable]) ** 2
@@ -79,6 +80,8 @@ class Convergence:
         runs: Numbers of runs (k,), each twice the number before.
         axis: The n poses.
         reference: Mean, standard deviation, lower and upper quantile (4, n).
+        unknown: Where (n,) the reference does not know σ_pd, the unit. The errors are of the other
+            poses, of those where σ_pd is not zero.
         reference_error: Standard error of the reference by statistic, in units of σ_pd.
         errors: RMS errors (k,) by statistic and sampler, in units of σ_pd.
     """
@@ -86,6 +89,7 @@ class Convergence:
     runs: NDArray[np.int64]
     axis: Axis
     reference: FloatArray
+    unknown: NDArray[np.bool_]
     reference_error: dict[str, float]
     errors: dict[str, dict[str, FloatArray]]
 
@@ -115,15 +119,18 @@ def measure(
     references = np.stack([reference for (reference,) in found[:REFERENCES]])
     reference = references.mean(axis=0)
     standard_error = references.std(axis=0, ddof=1) / np.sqrt(REFERENCES)
-    of_reference = root_mean_square(standard_error[np.newaxis, np.newaxis], reference[1])
+    unknown = standard_error[1] > LARGEST_ERROR * np.maximum(reference[1], LEAST_STD)
+    unit = np.where(unknown | (reference[1] <= LEAST_STD), np.nan, reference[1])
+    of_reference = root_mean_square(standard_error[np.newaxis, np.newaxis], unit)
     of_samplers = {
-        kind: root_mean_square(np.stack(estimates) - reference, reference[1])
+        kind: root_mean_square(np.stack(estimates) - reference, unit)
         for kind, estimates in zip(SAMPLERS, zip(*found[REFERENCES:], strict=True), strict=True)
     }
     return Convergence(
         runs=np.array(sizes),
         axis=subset.axis,
         reference=reference,
+        unknown=unknown,
         reference_error={name: float(error[0]) for name, error in of_reference.items()},
         errors={s: {kind: of_samplers[kind][s] for kind in SAMPLERS} for s in STATISTICS},
     )

@@ -164,6 +164,27 @@ def test_without_uncertainty_all_errors_are_nan():
     assert warning == "sigma of P_D, the unit of the errors, is zero at all 13 poses [sigma-zero]"
 
 
+def test_a_pose_whose_sigma_few_draws_know_is_no_unit():
+    """Beside a limit of range P_D is 0 in nearly all draws: only the poses within it are compared.
+
+    The radar and its place are certain; the aircraft is 4 sigma beyond the limit at first.
+    """
+    s = scenario(
+        geometry={
+            "type": "radial", "azimuth_deg": 0, "down_km": -3, "azimuth_from": "north",
+            "range_km": {"start": 99, "stop": 100.4, "step": 0.7},
+        },
+        radar__constant=1.0,
+        radar__max_range_km=100,
+        uncertainty__aircraft={"position_m": 130, "attitude_deg": 1},
+    )  # fmt: skip
+    result = convergence(s, runs=512)
+    (warned,) = (text for text in result.warnings if text.endswith("[reference-imprecise]"))
+    assert "no better than 10% at 100.4 km; the errors are of the other poses" in warned
+    errors = result.table["error_std_random"]
+    assert errors[-1] < 0.2
+
+
 @pytest.mark.parametrize(
     ("changes", "runs"), [(WEAK, 2), (NOTHING, 16)], ids=["overhead", "nothing"]
 )
