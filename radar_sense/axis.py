@@ -25,6 +25,7 @@ class Axis(ReadOnly):
         tolerance: Largest distance of a pose from the value that a user gives; 0 if none is given.
         places: Name of the places of the values, in the plural.
         meaning: Meaning of the column.
+        prefix: Text before a value in a sentence.
     """
 
     key: str
@@ -35,6 +36,7 @@ class Axis(ReadOnly):
     tolerance: float
     places: str = "poses"
     meaning: str = ""
+    prefix: str = ""
 
     def __len__(self) -> int:
         return len(self.values)
@@ -46,7 +48,11 @@ class Axis(ReadOnly):
 
     def format(self, value: float) -> str:
         """Return a value for a sentence, with the unit."""
-        return f"{self.number(value)} {self.unit}".strip()
+        return self.in_words(self.number(value))
+
+    def in_words(self, numbers: str) -> str:
+        """Return numbers of a sentence with the unit, and with what stands before them."""
+        return f"{self.prefix}{numbers} {self.unit}".strip()
 
     def at(self, pose: int) -> str:
         """Return the coordinate of a pose for a sentence."""
@@ -120,4 +126,5 @@ def distance(values: FloatArray) -> Axis:
 def pose_number(count: int) -> Axis:
     """Return the axis of pose numbers, from 0."""
     meaning = "Number of the pose, from 0, of states given in Python."
-    return Axis("pose", "pose", "", np.arange(float(count)), "g", 1e-9, meaning=meaning)
+    numbers = np.arange(float(count))
+    return Axis("pose", "pose", "", numbers, "g", 1e-9, meaning=meaning, prefix="pose ")

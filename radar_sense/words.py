@@ -206,7 +206,7 @@ def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
     if len(places) > 3:
         place = f"{len(places)} {axis.places}"
     else:
-        place = f"{listed(map(axis.number, places))} {axis.unit}".strip()
+        place = axis.in_words(listed(map(axis.number, places)))
     return f"{probability(extreme['value'])} at {place}"
 
 
@@ -239,10 +239,10 @@ def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
     spans = [(axis.number(axis.values[a]), axis.number(axis.values[b])) for a, b in runs_of(mask)]
     if len(spans) > 4:
         first, last = spans[0][0], spans[-1][1]
-        spanned = f"between {first} and {last} {axis.unit}".strip()
-        return f"at {count} of {mask.size} {axis.places} {spanned}"
+        spanned = axis.in_words(f"{first} and {last}")
+        return f"at {count} of {mask.size} {axis.places} between {spanned}"
     words = (a if a == b else f"{a} to {b}" for a, b in spans)
-    return f"at {', '.join(words)} {axis.unit}".strip()
+    return f"at {axis.in_words(', '.join(words))}"
 
 
 def decibels(ratio: FloatArray) -> FloatArray:

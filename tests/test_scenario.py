@@ -147,7 +147,7 @@ def test_a_network_whose_radars_moved_has_its_states_in_the_record(monkeypatch):
 def test_a_scenario_made_in_python():
     s = rs.Scenario(**arguments())
     assert (s.name, s.level, s.runs, s.seed) == ("scenario", "medium", 500, 1)
-    assert s.axis.at(1) == "1"
+    assert s.axis.at(1) == "pose 1"
     result = rs.analyses.variance(s, method="linear")
     assert result.table["pose"].tolist() == [0, 1]
     std = MODEL.linearize(s.aircraft, s.radar).std(s.cov_aircraft, s.cov_radar)
@@ -156,7 +156,7 @@ def test_a_scenario_made_in_python():
     assert record["radars"]["states"][3] == 167
     assert record["uncertainty"]["cov_aircraft"][0][0] == 100
     assert rs.Scenario(**arguments(geometry=timed([0.0, 5.0]))).axis.key == "time_s"
-    assert rs.Scenario(**arguments(AIRCRAFT[0])).axis.at(0) == "0"
+    assert rs.Scenario(**arguments(AIRCRAFT[0])).axis.at(0) == "pose 0"
 
 
 def test_arrays_are_copies_that_nobody_can_change():

@@ -280,15 +280,16 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     """Describe where there is no range, where a limit comes first, and where P_D rises again."""
     none, limited, edges = at.slant == 0, at.reach.limited, at.reach.edges
     sigma = np.where(at.reach.endless, 0.0, at.std)  # said below
-    values = {"sigma": sigma, "the lower bound": at.lower, "the upper bound": at.upper}
+    values = {
+        "sigma has no value {}: a limit, or no range, is within 3 sigma": sigma,
+        "the lower bound has no value {}": at.lower,
+        "the upper bound has no value {}": at.upper,
+    }
     end = f"{FARTHEST / 1e3:g} km, the end of the search"
     masks = {
         "at no range {}; sigma has no value": none & ~none.all(),
         "the limit of the radar comes first {}; sigma has no value": limited,
-        **{
-            f"{name} has no value {{}}": np.isnan(value) & ~limited & ~none
-            for name, value in values.items()
-        },
+        **{text: np.isnan(value) & ~limited & ~none for text, value in values.items()},
         f"passed several times, at up to {edges.max()} ranges, {{}}; the farthest is given": (
             edges > 1
         ),

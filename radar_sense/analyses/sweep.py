@@ -187,7 +187,8 @@ def _draw(
 
     p_d, lower, upper, bound = lines
     (axes,), x = plotting.pose_panels(figure, 1, axis)
-    plotting.draw_line(axes, x, p_d, ("black", "-"), label=r"largest $P_D$")
+    dots = {"marker": "o", "ms": plotting.points(1.8)} if len(x) <= SHOWN else {}
+    plotting.draw_line(axes, x, p_d, ("black", "-"), label=r"largest $P_D$", **dots)
     plotting.draw_fill(axes, x, lower, upper, color=plotting.BAND[0], alpha=0.18, lw=0)
     plotting.draw_band(axes, x, lower, upper, rf"its band of ${k:.4g}\,\sigma$")
     if np.any(bound > upper):
