@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from radar_sense import covariance
 from radar_sense.axis import reached
-from radar_sense.cost import EVALUATIONS, foresee
+from radar_sense.cost import EMPHASIS, EVALUATIONS, foresee
 from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import ErrorKey
 from radar_sense.montecarlo.sobol import sobol_indices
@@ -193,7 +193,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         return _by_sobol_indices(scenario)
     names = sources_of(scenario)
     count = len(names)
-    at_pose = EVALUATIONS.get(method, EVALUATIONS["form"] + FIRST)  # FORM, and draws that judge it
+    at_pose = EVALUATIONS.get(method, EVALUATIONS["form"] + EMPHASIS * FIRST)  # FORM, and draws that judge it
     evaluations = len(scenario.aircraft) * len(scenario.radars) * at_pose
     what = f"{count:,} sources at {len(scenario.aircraft):,} poses"
     foresee(what, count * evaluations, less="fewer poses")

@@ -25,7 +25,7 @@ from radar_sense.command import (
     Result,
     command,
 )
-from radar_sense.cost import foresee
+from radar_sense.cost import EMPHASIS, foresee
 from radar_sense.montecarlo.adaptive import ERRORS, draw_in_parts
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.statistics import DrawStatistics
@@ -173,7 +173,7 @@ def _draw_tails(scenario: Scenario, k: float) -> tuple[int, DrawStatistics, Draw
     affordable = max(LEAST, min(int(TOGETHER / (poses * radars)), MOST))
     draws = 1 << affordable.bit_length() - 1  # a power of two
     what = f"{draws:,} draws at {poses:,} poses"
-    foresee(what, float(draws) * poses * radars, less="fewer poses")
+    foresee(what, float(draws) * poses * radars * EMPHASIS, less="fewer poses")
     drawn, error = draw_in_parts(scenario.states(), draws, k)
     return draws, DrawStatistics(*drawn), DrawStatistics(*error)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.cost import foresee
+from radar_sense.cost import EMPHASIS, foresee
 from radar_sense.limits import Limit, check_number
 from radar_sense.montecarlo.montecarlo import ROUNDING
 from radar_sense.progress import report
@@ -115,7 +115,9 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
     more = np.square(2.0 * error[:, rows] / delta[rows]).max(axis=0, initial=GROWTH)
     growth = GROWTH ** np.ceil(np.log(more) / np.log(GROWTH))
     most = float(np.minimum(PRECISE * growth, MOST_DRAWS).sum())
-    foresee(f"{most:,.0f} draws of P_D", most * len(states.model.radars), less="fewer --digits")
+    evaluations = most * len(states.model.radars) * EMPHASIS
+    less = "fewer --digits" if digits > 1 else "fewer poses"
+    foresee(f"{most:,.0f} draws of P_D", evaluations, less=less)
     report("poses", n - len(rows), n)
     while rows.size and count < MOST_DRAWS:
         count = min(GROWTH * count, MOST_DRAWS)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.cost import foresee
+from radar_sense.cost import EMPHASIS, foresee
 from radar_sense.errors import InputError, check_choice, counted
 from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
@@ -291,6 +291,6 @@ def _unreliable(
 
 def _foresee(states: UncertainStates, draws: int, less: str = "fewer poses") -> None:
     """Say what the first stage of draws at each pose takes if it is long."""
-    evaluations = float(len(states)) * draws * len(states.model.radars)
+    evaluations = float(len(states)) * draws * len(states.model.radars) * EMPHASIS
     memory = NUMBERS * 8.0 * draws
     foresee(f"{len(states):,} poses x {draws:,} draws", evaluations, memory, less=less)

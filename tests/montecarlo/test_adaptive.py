@@ -228,12 +228,12 @@ def test_a_method_without_a_result_differs():
 
 
 def test_a_long_computation_says_so_before_it_starts(monkeypatch, caplog):
-    monkeypatch.setattr(cost, "SECONDS", 2 * PRECISE / cost.RATE)
+    monkeypatch.setattr(cost, "SECONDS", 2 * PRECISE * cost.EMPHASIS / cost.RATE)
     validate(gaussian(std=0.02, poses=1), digits=1)
     assert not caplog.records
     v = validate(gaussian(std=0.09, poses=1), digits=1)
     (said,) = caplog.messages
-    assert "fewer --digits take less" in said
+    assert "fewer poses take less" in said  # there are no fewer digits
     # the draws that it says are those that it takes, to some half
     draws = float(said.partition(" ")[0].replace(",", ""))
     assert draws == pytest.approx(v.draws[0], rel=0.5)
