@@ -20,6 +20,20 @@ NO_TAG = {
     yaml.SequenceNode: "tag:yaml.org,2002:seq",
     yaml.MappingNode: "tag:yaml.org,2002:map",
 }
+#: What is probably wrong, by what PyYAML was reading where it began ...
+_BEGUN = {
+    "while scanning a quoted scalar": "the quote is not closed",
+    "while scanning a simple key": "a key needs a colon, and a space after it",
+    "while parsing a flow mapping": "the brace { is not closed, or lacks a comma",
+    "while parsing a flow sequence": "the bracket [ is not closed, or lacks a comma",
+}
+#: ... and by what PyYAML found.
+_FOUND = {
+    "expected <block end>": "this does not fit the lines above; check its indentation, and that "
+    "quotes and brackets are closed",
+    "mapping values are not allowed": "no key may stand here; check its indentation, the space "
+    "after the colon of the line above, and the quotes of a value with a colon",
+}
 
 
 @dataclass(frozen=True)
@@ -134,7 +148,11 @@ def compose(text: str, file: str) -> yaml.Node:
         node: yaml.Node | None = loader.get_single_node()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        problem = f"is not valid YAML: {error.problem}"
+        slips = (slip for found, slip in _FOUND.items() if f"{error.problem}".startswith(found))
+        slip = next(slips, error.problem)
+        if error.context in _BEGUN:  # seen later, perhaps at the end of the file
+            mark, slip = error.context_mark, _BEGUN[error.context]
+        problem = f"is not valid YAML: {slip}"
         if error.problem == "but found another document":
             problem = "must be one YAML document; another one begins here"
         if "'\\t'" in f"{error.problem}":
