@@ -5,7 +5,8 @@ atan2(−z, √(x² + y²)), positive above the aircraft as in measured data. Th
 below. A table without elevations is one cut and holds for all elevations.
 
 Steps between angles need not be equal. A step over 1.5 times as wide as both steps beside it counts
-as a missing row, and a step over 90° as a gap.
+as a missing row, and a step over 90° as a gap. The first and the last step of elevations have one
+step beside them, which does not tell a missing row from a coarser end: they are not compared.
 
 Between the nodes ln σ_r is a cubic spline (a tensor product of two with elevations): twice
 continuously differentiable, periodic in azimuth, exact at the nodes, and σ_r is positive
@@ -412,10 +413,8 @@ def gap(name: str, angles: FloatArray) -> Problem | None:
     around = name == "azimuth"
     closed = np.append(angles, angles[0] + math.tau) if around else angles
     steps = np.diff(closed)
-    beside = np.pad(steps, 1, mode="wrap") if around else np.pad(steps, 1)
+    beside = np.pad(steps, 1, mode="wrap") if around else np.pad(steps, 1, constant_values=np.inf)
     neighbour = np.maximum(beside[:-2], beside[2:])
-    if len(steps) == 1:
-        neighbour = steps
     wide = np.flatnonzero(steps > np.minimum(MAX_STEP, GAP * neighbour) * (1 + 1e-9))
     if not len(wide):
         return None

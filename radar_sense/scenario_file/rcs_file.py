@@ -111,7 +111,7 @@ def _nodes(
         azimuth, row = _opened(azimuth, row, [columns[name] for name in values])
     _refuse(gap("azimuth", azimuth), row[:, 0])
     if elevation is not None:
-        _refuse(gap("elevation", elevation), row[0])
+        _refuse(gap("elevation", elevation), row.min(axis=0))
         for name, unit in values.items():
             problem = differs_at_a_pole(elevation, columns[name][row], unit)
             _refuse(problem, row.ravel())

@@ -92,6 +92,14 @@ def test_a_finer_sector_is_not_a_gap(here):
     assert len(table.azimuth) == len(angles)
 
 
+def test_elevations_may_be_coarser_at_the_ends(here):
+    elevations = (-30, -10, 0, 10, 30)
+    rows = [f"{a},{e},{1 + abs(e)}" for a in range(0, 360, 30) for e in elevations]
+    table = rs.load_rcs_table(write(here / "a.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows))
+    nodes = direction(np.zeros(5), np.deg2rad(elevations))
+    np.testing.assert_allclose(table.cross_section(nodes), [31, 11, 1, 11, 31], rtol=1e-12)
+
+
 G = ["azimuth_deg,elevation_deg,rcs_m2"]
 BOX = [f"{a},{e},1" for a in range(-180, 180, 30) for e in (-10, 0, 10)]
 A = ["azimuth_deg,rcs_m2"]
@@ -155,6 +163,13 @@ def test_refused_with_file_and_line(here, name):
 def test_a_whole_table_is_not_mirrored(here):
     write(here / "a.csv", *A, *full(30, 0, 360))
     with refused("a.csv:9: mirror: true is for ... got 210"):
+        rs.load_rcs_table("a.csv", mirror=True)
+
+
+def test_a_gap_above_is_named_where_it_stands_first(here):
+    rows = [f"{a},{e},1" for a in range(0, 181, 30) for e in (-20, -10, 0, 20, 30)]
+    write(here / "a.csv", *G, *rows)
+    with refused("a.csv:5: a gap in elevation, from 0 to 20 deg"):
         rs.load_rcs_table("a.csv", mirror=True)
 
 
