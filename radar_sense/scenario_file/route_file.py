@@ -217,8 +217,9 @@ def _read(file: TextFile, stated: sections.Path) -> Track:
 
 def _table(file: TableFile) -> Track:
     """Return the contents of a route file."""
-    file.require_known(COLUMNS, _ALLOWED)
     names = file.names
+    gpx = "; the name of a GPX file ends in .gpx" if "".join(names).startswith("<") else ""
+    file.require_known(COLUMNS, _ALLOWED + gpx)
     for one, other in _EXCLUSIVE:
         both = [next((name for name in group if name in names), "") for group in (one, other)]
         if all(both):

@@ -26,7 +26,14 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, describe, did_you_mean
 from radar_sense.limits import Limit
-from radar_sense.scenario_file.text_file import MAX_LETTERS, NUMBER, TextFile, number, open_text
+from radar_sense.scenario_file.text_file import (
+    MAX_LETTERS,
+    NUMBER,
+    FileError,
+    TextFile,
+    number,
+    open_text,
+)
 from radar_sense.states import FloatArray
 
 #: Most rows. A million rows of 28 numbers with 17 digits each are 0.7 GB.
@@ -89,12 +96,13 @@ class TableFile:
             suggestion = did_you_mean(name[:MAX_LETTERS], set(columns) - set(self.names))
             words = re.split("[,;\t]", ",".join(self.names))
             shown = suggestion or any(word.strip() in columns for word in words)
-            raise self.error(
-                (f"unknown column {describe(name)}" if shown else "names none of the columns")
+            error = InputError if shown else FileError
+            raise error(
+                f"{self.source}:{self.line}: "
+                + (f"unknown column {describe(name)}" if shown else "names none of the columns")
                 + f", allowed: {allowed}{suggestion}"
                 + ("; columns are separated by commas or semicolons" if "\t" in name else "")
                 + ("; the first line must name the columns" if NUMBER.fullmatch(name) else "")
-                + ("; the name of a GPX file ends in .gpx" if name.startswith("<") else ""),
             )
 
     def require(self, names: Sequence[str], required: str) -> None:

@@ -30,7 +30,7 @@ _WITH_UNIT = re.compile(rf"{NUMBER.pattern}\s*({_UNITS})", re.IGNORECASE)
 
 
 class FileError(InputError):
-    """A file cannot be read."""
+    """A file cannot be read, or is of another kind."""
 
 
 class TextFile:

@@ -182,7 +182,8 @@ REFUSED = {
     "the same place": ("a.gpx", gpx(times=[""] * 4).replace('lat="47.12"', 'lat="47.1"')
                        .replace("1010.5", "1000.0"), {**SEA, "speed_m_s": 9},
                        "a.gpx:3: is the same place as the point before"),
-    "kml": ("a.kml", "<kml/>", SEA, "a.kml:1: names none of the columns, allowed: time_s or speed"),
+    "kml": ("a.kml", "<kml/>", SEA, "a.kml:1: names none of the columns, allowed: time_s or speed"
+            "...; the name of a GPX file ends in .gpx"),
     "no gpx": ("a.gpx", "<a/>", SEA, "a.gpx:1: must be GPX 1.1, with the root gpx of its namesp"),
     "no track": ("a.gpx", GPX.format("a", ""), SEA, "must have one track or one route, got 0 tra"),
     "no points": ("a.gpx", GPX.format("trk", ""), SEA, "a.gpx: has no points"),
