@@ -27,6 +27,7 @@ from radar_sense.errors import (
     ComputationError,
     FigureError,
     InputError,
+    counted,
     describe,
     did_you_mean,
     printable,
@@ -241,6 +242,9 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
         """Turn the text of an option into an int or a float."""
         text = str(value)
+        if text.startswith("--"):  # the option behind this one
+            needed = counted(param.nargs, "number")
+            self.fail(f"needs {needed}; {describe(text)} is none", param, ctx)
         try:
             # An int directly, because a seed may have more digits than a float.
             plain = text.replace("_", "?")  # 1_000 is a number in Python only

@@ -81,6 +81,8 @@ REFUSED = {
     "detectors surveillance.yaml --p-d 0.9 --pulses 2": "--pulses must be 1 with surveillance, a",
     "map --north-km 5 1": "lesser to a greater",
     "map --east-km 1e9 2e9": "--east-km",
+    "map --north-km 10 --step-km 50": "'--north-km': needs 2 numbers; '--step-km' is none\n",
+    "budget --at --json": "'--at': needs 1 number; '--json' is none\n",
     "map --step-km 0.001": "allowed are 25,000,000",
     "map --step-km 5000": "longer than a side",
     "map --north-km -1e-9 1e-9 --east-km -1e-9 1e-9": "step must be",
