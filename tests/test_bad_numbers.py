@@ -89,9 +89,13 @@ class Cube:
 
 
 NO_RCS = {
-    "must be finite and not negative, got nan": lambda shape: np.full(shape, NAN),
-    "must be finite and not negative, got inf": lambda shape: np.full(shape, INF),
-    "must be finite and not negative, got -1": lambda shape: np.full(shape, -1.0),
+    "must be finite and not negative, got nan at azimuth -135 and elevation 35.3 deg": (
+        lambda shape: np.full(shape, NAN)
+    ),
+    "must be finite and not negative, got inf at azimuth 0 and elevation 90 deg": (
+        lambda shape: np.where(np.arange(26).reshape(shape) == 12, INF, 1.0)
+    ),
+    "must be finite and not negative, got -1 at azimuth .*": lambda shape: np.full(shape, -1.0),
     r"must return shape \(2, 13\) .*, got \(3,\)": lambda shape: np.ones(3),
     "must be an array of real numbers, got complex128": lambda shape: np.full(shape, 1j),
 }

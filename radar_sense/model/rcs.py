@@ -53,6 +53,8 @@ def rcs_model(name: str) -> Callable[[C], C]:
 class RCS(Protocol):
     """What every RCS model has. A class of one's own that has it needs no base class.
 
+    σ_r is finite and not negative in every direction, straight above and below too.
+
     Attributes:
         isotropic: Whether σ_r is the same at all aspects. The attitude is not used then.
     """
@@ -94,9 +96,14 @@ def check_rcs(rcs: Any) -> None:
         array = real_array(what, values)
         if array.shape != shape:
             raise InputError(f"{what} must return shape {shape} for (2, 13, 3), got {array.shape}")
-        wrong = array[~((array >= 0) & (array < math.inf))]
-        if len(shape) == 2 and wrong.size:
-            raise InputError(f"{what} must be finite and not negative, got {wrong[0]:g}")
+        wrong = ~((array >= 0) & (array < math.inf))
+        if len(shape) == 2 and wrong.any():
+            x, y, z = vectors[wrong][0]
+            azimuth, elevation = np.rad2deg([np.arctan2(y, x), np.arctan2(0 - z, np.hypot(x, y))])
+            raise InputError(
+                f"{what} must be finite and not negative, got {array[wrong][0]:g} at azimuth "
+                f"{azimuth:.3g} and elevation {elevation:.3g} deg"
+            )
 
 
 def with_error(rcs: RCS, body_vector: FloatArray, error: FloatArray) -> FloatArray:
