@@ -11,7 +11,8 @@ from radar_sense.errors import InputError, describe
 
 #: Version of the keys of the JSON record, see docs/questions/use.md.
 RECORD = 1
-#: Relative difference of numbers that are equal but for rounding.
+#: Relative difference of numbers that are equal but for rounding. In a summary, which has
+#: probabilities and shares, it is the absolute difference too. An input may be smaller.
 ROUNDING = 1e-12
 #: Most lines of a section.
 MOST_LINES = 60
@@ -47,7 +48,9 @@ def compared(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     for title, name in (("scenario", "scenario"), ("numbers", "summary"), ("versions", "versions")):
         changes = [
             f"  {path}: {_shown(one)} -> {_shown(other)}{_by(one, other)}"
-            for path, one, other in _changes(old.get(name), new.get(name))
+            for path, one, other in _changes(
+                old.get(name), new.get(name), ROUNDING if name == "summary" else 0.0
+            )
         ]
         more = len(changes) - MOST_LINES
         lines += [f"{title}:", *changes[:MOST_LINES]] if changes else []
@@ -58,17 +61,17 @@ def compared(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     return lines or [f"the two records of {old['analysis']} say the same"]
 
 
-def _changes(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield path, old and new value of what differs; None where there is none."""
+def _changes(old: Any, new: Any, zero: float, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield path, old and new value of what differs, by more than `zero`; None where none is."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         for key in dict.fromkeys([*old, *new]):
-            yield from _changes(old.get(key), new.get(key), f"{path}.{key}".lstrip("."))
+            yield from _changes(old.get(key), new.get(key), zero, f"{path}.{key}".lstrip("."))
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for i, (one, other) in enumerate(zip(old, new, strict=True), start=1):
-            yield from _changes(one, other, f"{path}[{i}]")
+            yield from _changes(one, other, zero, f"{path}[{i}]")
     elif old != new:
         floats = isinstance(old, float) and isinstance(new, float)
-        if not (floats and math.isclose(old, new, rel_tol=ROUNDING)):
+        if not (floats and math.isclose(old, new, rel_tol=ROUNDING, abs_tol=zero)):
             yield path, old, new
 
 

@@ -72,6 +72,7 @@ def test_records_of_two_commands_are_refused(tool):
         ({"x": 0.3}, {"x": 0.3 + 1e-11}, "x: 0.3 -> 0.3 (+1e-11)"),
         ({"passed": True}, {"passed": False}, "passed: true -> false"),
         ({"x": [1, 2]}, {"x": [1, 2, 3]}, "x: [1, 2] -> [1, 2, 3]"),
+        ({"shares": {"interaction": 0.0}}, {"shares": {"interaction": -4.44e-16}}, "say the same"),
     ],
 )
 def test_records_differ_but_for_rounding(old, new, says):
