@@ -15,7 +15,7 @@ from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, s
 from radar_sense.axis import Axis, steps
 from radar_sense.command import LEVEL, METHOD, Figure, Option, Result, command
 from radar_sense.cost import RATE, foresee
-from radar_sense.errors import InputError, counted
+from radar_sense.errors import InputError
 from radar_sense.limits import ANY
 from radar_sense.plausibility import plausibility_warnings
 from radar_sense.propagation import propagate_scenario
@@ -93,8 +93,7 @@ def sweep(
         if len(highest) == 1:
             # The first value tells: how many poses and draws a test takes is not known before.
             rest = (len(values) - 1) * (time.process_time() - started)
-            further = counted(len(values) - 1, "further value")
-            foresee(f"the {further}", rest * RATE, less="fewer values")
+            foresee("the values after the first", rest * RATE, less="fewer values")
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
     if tests:  # also between the rows of a path
         bound = np.array([tested.test.upper[tested.worst] for tested in tests])

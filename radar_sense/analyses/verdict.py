@@ -235,10 +235,10 @@ def _probability_lines(tested: PathTest) -> list[str]:
         return [line]
     line += ", where it is highest" if np.any(runs.counts < count) else ""
     if runs.anywhere is None:
-        return [
-            line,
-            "P at some pose needs a path with times and uncertainty.aircraft_correlation_s",
-        ]
+        scenario = tested.path.scenario
+        missing = [] if scenario.correlation_s else ["uncertainty.aircraft_correlation_s"]
+        missing += ["a path with times"] if scenario.time_s is None else []
+        return [line, f"P at some pose needs {' and '.join(missing)}"]
     line += (  # P_D of a run may be higher between two poses than at both
         f"; {words.probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} at "
         f"some pose of {len(axis)} ({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
@@ -266,4 +266,4 @@ def _trust(tested: PathTest) -> list[str]:
     given = "the rows of the path"
     if scenario.time_s is None:
         given = f"the {scenario.axis.name}s given"
-    return [line, f"{path.added} of the poses are between {given}"]
+    return [line, f"{path.added} of the poses {'is' if path.added == 1 else 'are'} between {given}"]

@@ -136,4 +136,6 @@ def test_a_long_sweep_says_so_after_its_first_value(monkeypatch, caplog):
     clock = iter([0.0, 6.0])
     monkeypatch.setattr(time, "process_time", lambda: next(clock))
     analyses.sweep(rs.load_scenario(), **SWEPT)
-    assert caplog.messages == ["the 2 further values take some 12 seconds; fewer values take less"]
+    assert caplog.messages == [
+        "the values after the first take some 12 seconds; fewer values take less"
+    ]

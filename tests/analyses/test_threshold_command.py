@@ -115,6 +115,25 @@ def test_a_single_pose_is_above_as_a_whole_or_not_at_all(p_max, share):
     assert (found["share_above"], found["total_deg"]) == (share, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("correlation_s", "missing"),
+    [
+        (0, "uncertainty.aircraft_correlation_s and a path with times"),
+        (60, "a path with times"),
+    ],
+)
+def test_what_a_probability_at_some_pose_needs_is_named(correlation_s, missing):
+    s = scenario(geometry__azimuth_deg__step=45, uncertainty__aircraft_correlation_s=correlation_s)
+    report = rs.analyses.variance(s, threshold=0.95, method="form").report
+    assert f"P at some pose needs {missing}" in report
+
+
+def test_a_path_with_times_needs_a_correlation(tmp_path):
+    s = rs.load_scenario(write(tmp_path))
+    report = rs.analyses.variance(s, threshold=0.5, method="form").report
+    assert "P at some pose needs uncertainty.aircraft_correlation_s" in report
+
+
 def test_no_bound_is_not_known(tool):
     over = f"{POSE_HEAD}\n0,1000,0,-3e5,0,0,0\n10,0,0,-3e5,0,0,0\n20,-1000,0,-3e5,0,0,0\n"
     code, out, err = tool("variance", write(Path(), over), "--threshold", 1, "--method", "probit")
