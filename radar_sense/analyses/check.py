@@ -84,7 +84,9 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
 def _constants(scenario: Scenario) -> list[str]:
     """Return the number of poses, and the radar constants with their distributions."""
     names, constants = scenario.model.names, scenario.radar_states[:, CONSTANT]
-    poses = counted(len(scenario.aircraft), "pose")
+    poses, whole = counted(len(scenario.aircraft), "pose"), len(scenario.geometry.whole.axis)
+    if whole > len(scenario.aircraft):
+        poses += f" ({whole} with the rows of the path between them)"
     shown = [f"c_r = {constant:g} J m^2/K" for constant in constants]
     lines = [f"{poses}, {shown[0]}"]
     if names:

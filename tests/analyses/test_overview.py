@@ -71,6 +71,20 @@ def test_a_flight_of_hours(tmp_path):
     assert overview(rs.load_scenario(file))[1].startswith("path: 7443 s (2:04:03), 100 km, ")
 
 
+def test_rows_between_the_poses_are_counted(tmp_path):
+    """Every two minutes is a pose, and the row at 60 s is between two of them."""
+    rows = "0,0,0,-9e3\n60,1e4,0,-9e3\n240,4e4,0,-9e3"
+    file = write_path(
+        tmp_path,
+        f"time_s,north_m,east_m,down_m\n{rows}",
+        geometry={"type": "path", "file": "route.csv", "interpolate": {"step_s": 120}},
+        radar__max_range_km=1,
+    )
+    first, *_, last = overview(rs.load_scenario(file))
+    assert first.startswith("3 poses (4 with the rows of the path between them), c_r")
+    assert last == "radar: out of sight at all 4 poses, by maximum range"
+
+
 def test_an_orbit_has_no_times(tool):
     assert overview(rs.load_scenario())[1] == "height 3000 m above the origin, bank 0 deg"
     text = yaml.safe_load(tool("check").out)
