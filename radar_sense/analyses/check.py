@@ -108,7 +108,7 @@ def _shape(constant: float, tolerances: Sequence[Tolerance]) -> str:
     exact, first_order = shape(tolerances), constant * relative_std(tolerances)
     return (
         f"c_r has mean {constant * exact.mean:.4g}, standard deviation {constant * exact.std:.4g} "
-        f"(first order {first_order:.4g}), skewness {exact.skewness:.2f}"
+        f"(first order {first_order:.4g}), skewness {round(exact.skewness, 2) + 0.0:.4g}"
     )
 
 

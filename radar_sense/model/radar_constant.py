@@ -208,4 +208,5 @@ def shape(tolerances: Sequence[Tolerance]) -> Shape:
     if variance <= 1e-12 * first * first:  # nothing but rounding
         return Shape(first, 0.0, 0.0)
     skewness = (third - 3.0 * first * variance - first**3) / variance**1.5
-    return Shape(first, math.sqrt(variance), skewness)
+    small = variance <= 1e-8 * first * first  # the skewness is below 0.001, as is its rounding
+    return Shape(first, math.sqrt(variance), 0.0 if small else skewness)

@@ -211,6 +211,14 @@ def test_draws_have_the_moments(kind):
     assert np.max(abs(np.corrcoef(radar[:, :4].T) - np.eye(4))) < 0.01
 
 
+@pytest.mark.parametrize("std", [0.0, 1e-6, 1e-5, 3e-4, 1e-2, 1.0, 20.0])
+def test_the_skewness_of_a_log_normal_factor_is_no_rounding(std):
+    s2 = (std * math.log(10) / 10) ** 2
+    skewness = (math.exp(s2) + 2) * math.sqrt(math.expm1(s2))
+    found = shape([Tolerance("loss_db", 8, std, -1, decibels=True)]).skewness
+    assert found == pytest.approx(skewness, rel=1e-9, abs=0.005)
+
+
 def test_a_divisor_never_comes_near_zero():
     part = Tolerance("temperature_k", 300, 300 * MAX_DIVISOR_STD, -1, decibels=False)
     lowest = 1 + LOWEST_DIVISOR * MAX_DIVISOR_STD
