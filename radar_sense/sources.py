@@ -193,7 +193,8 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         return _by_sobol_indices(scenario)
     names = sources_of(scenario)
     count = len(names)
-    at_pose = EVALUATIONS.get(method, EVALUATIONS["form"] + EMPHASIS * FIRST)  # FORM, and draws that judge it
+    judged = EVALUATIONS["form"] + EMPHASIS * FIRST  # FORM, and draws that judge it
+    at_pose = EVALUATIONS.get(method, judged)
     evaluations = len(scenario.aircraft) * len(scenario.radars) * at_pose
     what = f"{count:,} sources at {len(scenario.aircraft):,} poses"
     foresee(what, count * evaluations, less="fewer poses")
