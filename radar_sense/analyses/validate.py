@@ -133,7 +133,12 @@ def _report(
     if not result.passed:
         report.append(f"  agrees at {agree} of {len(axis)} poses")
         if method == AUTOMATIC:
-            report.append(f"  automatic asks for {BOUND_CHANGE:g} in a bound, or a tenth if small")
+            distance = dict(zip(NAMES, verdict.distance, strict=True))
+            largest = np.nanmax([distance["lower"], distance["upper"]])
+            report.append(
+                f"  a bound is off by {words.probability(largest)} at most; automatic asks for "
+                f"{BOUND_CHANGE:g}, or a tenth if small"
+            )
     if without.all():
         return report
     row, pose = np.unravel_index(np.nanargmax(ratio), ratio.shape)

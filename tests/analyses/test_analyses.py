@@ -437,6 +437,8 @@ def test_different_unknown_and_poses_without_a_result_are_told_apart(monkeypatch
     two = judged(*poses, digits=2).report
     assert two[0].endswith("2 significant digits of sigma (medium)")
     assert two[3].endswith("are too few; fewer --digits need fewer")
+    own = judged(*poses, method="automatic").report  # here the mean is off, and no bound
+    assert "  a bound is off by 0 at most; automatic asks for 0.005, or a tenth if small" in own
 
 
 @pytest.mark.parametrize(
