@@ -179,7 +179,7 @@ def _draw(figure: Figure, axis: Axis, verdict: Verdict, plain: MonteCarlo, metho
         x,
         100 * low,
         100 * high,
-        color=plotting.LINES[2][0],
+        color="0.5",
         lw=plotting.points(0.4),
         label="coverage (95 %)",
     )
