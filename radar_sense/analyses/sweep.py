@@ -13,7 +13,7 @@ from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import PathTest, path_test
 from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, sigmas, worst_band
 from radar_sense.axis import Axis, steps
-from radar_sense.command import LEVEL, METHOD, Figure, Option, Result, command
+from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Option, Result, command
 from radar_sense.cost import RATE, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY
@@ -33,6 +33,7 @@ MAX_VALUES, SHOWN = 1000, 40
     Option("stop", "Last value.", ANY, metavar="STOP", positional=True),
     Option("step", "Step from value to value.", ANY, metavar="STEP", positional=True),
     LEVEL,
+    ONE_RADAR,
     METHOD,
     THRESHOLD,
     K,

@@ -29,7 +29,13 @@ POSE = (60, 60, 1)
 
 
 @pytest.mark.parametrize(
-    "line", ["variance", "validate --digits 1 --method form", "map --step-km 40"]
+    "line",
+    [
+        "variance",
+        "validate --digits 1 --method form",
+        "map --step-km 40",
+        "sweep geometry.down_km -4 -3 1",
+    ],
 )
 def test_one_radar_by_itself(tool, line, monkeypatch):
     small_batches(monkeypatch)
