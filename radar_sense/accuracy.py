@@ -211,9 +211,9 @@ class _Goal:
         if factor:
             last = min(float(np.log(factor)), last)
             agree = all(self._agrees(names, at, self._allowed) for at in _on_the_way(start, last))
-            by_form = self.method == AUTOMATIC and self.k is not None and not smaller
-            # FORM may be within the limit where the draws of the threshold test say "violated"
-            if agree and not (by_form and holds(0.0) is False):
+            # FORM may be within the limit where the draws of the threshold test do not find it
+            doubted = self.method == AUTOMATIC and self.k is not None and not smaller
+            if agree and not (doubted and not holds(0.0)):
                 if factor == np.inf or not self._strict(names, last):
                     return factor, known
                 start, last = last, LARGEST_LOG_FACTOR

@@ -341,7 +341,7 @@ class Command:
         name: Name of the command; of the function by default.
         endings: Endings of its files besides the figure; () if the command line writes none.
         formats: Formats of its figure, or of what else its result can be; () without a figure.
-        varies: Whether it varies the scenario, and checks what it makes of it itself.
+        varies: Whether it checks the scenarios that it makes of the given one itself.
         defaults: Defaults of the function by keyword.
         help: The docstring of the function up to the errors.
     """

@@ -62,7 +62,7 @@ def compared(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 
 
 def _changes(old: Any, new: Any, zero: float, path: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield path, old and new value of what differs, by more than `zero`; None where none is."""
+    """Yield path, old and new value of what differs by more than `zero`; None without a value."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         for key in dict.fromkeys([*old, *new]):
             yield from _changes(old.get(key), new.get(key), zero, f"{path}.{key}".lstrip("."))

@@ -118,7 +118,10 @@ WARNINGS: dict[str, str] = {
         "Few of the draws that `convergence` compares with reach where P_D changes at these poses, "
         "so sigma of P_D is rough there, and is no unit of errors."
     ),
-    "sigma-zero": "Sigma of P_D is below 1e-6 at these poses, so errors have no unit there.",
+    "sigma-zero": (
+        "Sigma of the draws of P_D is below 1e-6 at these poses, so errors have no unit there. "
+        "Nothing is uncertain there, or no draw reaches where P_D changes."
+    ),
     "sources-correlated": (
         "Off-diagonal covariances connect sources, so the squares of their sigmas do not add up "
         "to that of the total."
@@ -462,7 +465,7 @@ def _of_std(
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     """Return one line "a, b and c: text" for all labels with a warning of one name.
 
-    Where the texts differ, the line is "a (also b and c, elsewhere): text", with the text of a.
+    Where the texts differ, the line is "a (similar: b and c): text", with the text of a.
     """
     by_name: dict[str, dict[str, str]] = {}
     for label, text in labelled:
@@ -473,7 +476,7 @@ def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
         if len(labels) > NAMED:
             labels[NAMED - 1 :] = [f"{len(labels) - NAMED + 1} more"]
         if len(set(texts.values())) > 1:
-            lines.append(f"{labels[0]} (also {listed(labels[1:])}, elsewhere): {text}")
+            lines.append(f"{labels[0]} (similar: {listed(labels[1:])}): {text}")
         else:
             lines.append(f"{listed(labels)}: {text}")
     return tuple(lines)

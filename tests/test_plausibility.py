@@ -120,8 +120,12 @@ CERTAIN = {"uncertainty__radar__medium__constant": 0}
 
 
 #: A line from 10 km, where P_D is 1, to 1000 km, where it is that without a signal.
-OUTWARD = {"type": "radial", "azimuth_deg": 0, "down_km": -3}
-OUTWARD["range_km"] = {"start": 10, "stop": 1000, "step": 990}
+OUTWARD = {
+    "type": "radial",
+    "azimuth_deg": 0,
+    "down_km": -3,
+    "range_km": {"start": 10, "stop": 1000, "step": 990},
+}
 
 
 def away(km):

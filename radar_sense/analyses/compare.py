@@ -146,7 +146,7 @@ def compare(
         nearest = f"nearest to {draws:,} draws a pose: {words.listed(best)}"
         nearest += f", bounds within {bounds[best[0]]}"
         if noise["value"] > float(farthest[best[0]]):
-            nearest += f", but for the noise of the draws, {shown}"
+            nearest += "; the noise of the draws is larger, see below"
         result.report.insert(0, nearest)
     result.summary |= {
         "runs": draws,

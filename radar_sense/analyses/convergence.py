@@ -119,7 +119,9 @@ def _warnings(measured: Convergence) -> Iterator[str]:
     unknown, zero = measured.unknown, ~(measured.reference[1] > LEAST_STD)
     others = "" if np.all(zero | unknown) else "; the errors are of the other poses"
     text = "sigma of P_D, the unit of the errors, is"
-    yield from placed("sigma-zero", zero & ~unknown, measured.axis, f"{text} zero", others)
+    yield from placed(
+        "sigma-zero", zero & ~unknown, measured.axis, f"{text} zero in the draws", others
+    )
     yield from placed(
         "reference-imprecise",
         unknown,

@@ -202,7 +202,7 @@ def mission(
     result.report.append(_describe_looks(looks))
     largest = (f"{key} {words.describe_extreme(top, axis)}" for key, top in errors.items())
     result.report.append(f"largest standard error of a bound: {', '.join(largest)}")
-    draws = "add plain draws by mission --runs" + ", of one radar by --radar" * bool(radars)
+    draws = "mission --runs adds plain draws" + ", with --radar for one radar" * bool(radars)
     text = f"a bound has a standard error above {MOST_ERROR:g}; {draws}"
     result.warnings += words.gathered(
         (one.radar or "the mission", words.warning("band-imprecise", text))

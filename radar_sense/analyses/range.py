@@ -280,8 +280,9 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     """Describe where there is no range, where a limit comes first, and where P_D rises again."""
     none, limited, edges = at.slant == 0, at.reach.limited, at.reach.edges
     sigma = np.where(at.reach.endless, 0.0, at.std)  # said below
+    why = "a limit, the end of the search, or no range is within 3 sigma"
     values = {
-        "sigma has no value {}: a limit, or no range, is within 3 sigma": sigma,
+        f"sigma has no value {{}}: {why}": sigma,
         "the lower bound has no value {}": at.lower,
         "the upper bound has no value {}": at.upper,
     }

@@ -132,15 +132,15 @@ def _report(
         report.append(f"  {MOST_DRAWS:,} draws a pose, the most allowed, are too few{fewer}")
     if not result.passed:
         report.append(f"  agrees at {agree} of {len(axis)} poses")
-        if method == AUTOMATIC:
-            distance = dict(zip(NAMES, verdict.distance, strict=True))
-            largest = np.nanmax([distance["lower"], distance["upper"]])
-            report.append(
-                f"  a bound is off by {words.probability(largest)} at most; automatic asks for "
-                f"{BOUND_CHANGE:g}, or a tenth if small"
-            )
     if without.all():
         return report
+    if method == AUTOMATIC and not result.passed:
+        distance = dict(zip(NAMES, verdict.distance, strict=True))
+        largest = np.nanmax([distance["lower"], distance["upper"]])
+        report.append(
+            f"  a bound is off by {words.probability(largest)} at most; automatic asks for "
+            f"{BOUND_CHANGE:g}, or a tenth if small"
+        )
     row, pose = np.unravel_index(np.nanargmax(ratio), ratio.shape)
     name, tops = [*NAMES.values()], [float(f"{x:.2g}") for x in np.nanmax(ratio, axis=1)]
     return [

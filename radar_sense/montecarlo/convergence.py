@@ -80,8 +80,8 @@ class Convergence:
         runs: Numbers of runs (k,), each twice the number before.
         axis: The n poses.
         reference: Mean, standard deviation, lower and upper quantile (4, n).
-        unknown: Where (n,) the reference does not know σ_pd, the unit. The errors are of the other
-            poses, of those where σ_pd is not zero.
+        unknown: Where (n,) the reference does not know σ_pd, the unit. The errors leave out these
+            poses, and those where σ_pd is zero.
         reference_error: Standard error of the reference by statistic, in units of σ_pd.
         errors: RMS errors (k,) by statistic and sampler, in units of σ_pd.
     """

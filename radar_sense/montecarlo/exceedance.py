@@ -73,6 +73,8 @@ def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
     affordable = int(MAX_DRAWS / (poses * len(scenario.model.radars)))
     runs = max(min(runs, MAX_RUNS, affordable), LEAST_RUNS)
     step = None if scenario.time_s is None else np.diff(scenario.time_s)
+    # P_D of a run is nearly linear between two poses only if its errors are the same at both
+    common = math.isinf(scenario.correlation_s) or not scenario.cov_aircraft.any()
     counts, hits, done = np.zeros(poses, dtype=np.intp), 0, 0
     total = squares = 0.0
     for p_d in _along_path(scenario, runs):
@@ -80,7 +82,8 @@ def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
         counts += np.count_nonzero(above, axis=0)
         hits += int(np.count_nonzero(above.any(axis=1)))
         if step is not None:
-            time = share_above(p_max - p_d) @ step
+            between = np.add(above[:, 1:], above[:, :-1], dtype=float) / 2.0
+            time = (share_above(p_max - p_d) if common else between) @ step
             total, squares = total + float(time.sum()), squares + float(np.sum(time * time))
         done += len(p_d)
         report("runs along the path", done, runs)

@@ -254,8 +254,3 @@ def test_monte_carlo_draws_the_true_distribution(sampler):
     assert form.upper[0] == pytest.approx(upper, rel=1e-3)
     assert form.std[0] == pytest.approx(std, rel=2e-3)
     assert form.mean[0] == pytest.approx(mean, rel=1e-3)
-
-
-def test_a_tolerance_of_a_millionth_has_no_skewness():
-    """Its third moment is rounding."""
-    assert shape([Tolerance("average_power_w", 1.0, 5e-7, 1, False)]).skewness == 0

@@ -161,13 +161,16 @@ def test_without_uncertainty_all_errors_are_nan():
     result = convergence(scenario(**NOTHING), runs=64)
     assert all(np.isnan(v).all() for name, v in result.table.items() if name != "runs")
     (warning,) = result.warnings
-    assert warning == "sigma of P_D, the unit of the errors, is zero at all 13 poses [sigma-zero]"
+    assert (
+        warning
+        == "sigma of P_D, the unit of the errors, is zero in the draws at all 13 poses [sigma-zero]"
+    )
 
 
 def test_a_pose_whose_sigma_few_draws_know_is_no_unit():
     """Beside a limit of range P_D is 0 in nearly all draws: only the poses within it are compared.
 
-    The radar and its place are certain; the aircraft is 4 sigma beyond the limit at first.
+    The radar and its place are certain; the aircraft is 3 sigma beyond the limit.
     """
     s = scenario(
         geometry={
@@ -177,6 +180,7 @@ def test_a_pose_whose_sigma_few_draws_know_is_no_unit():
         radar__constant=1.0,
         radar__max_range_km=100,
         uncertainty__aircraft={"position_m": 130, "attitude_deg": 1},
+        uncertainty__radar={"medium": {"position_m": 0, "constant": 0}},
     )  # fmt: skip
     result = convergence(s, runs=512)
     (warned,) = (text for text in result.warnings if text.endswith("[reference-imprecise]"))
