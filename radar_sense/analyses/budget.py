@@ -65,6 +65,7 @@ def budget(
     """
     axis, method, result = scenario.axis, scenario.method, Result(scenario)
     needed, numbers = required_accuracy(scenario, target, threshold, k, probability, at)
+    result.report += needed
     found = error_budget(scenario, method)
     sources, parts, finer = (kind.values() for kind in (found.sources, found.parts, found.finer))
     total, interaction, pose = found.total, found.interaction, found.pose
@@ -128,7 +129,6 @@ def budget(
         **{name: value for name, value in optional.items() if value},
         **numbers,
     }
-    result.report += needed
     result.warnings += words.std_warnings(scenario, total.std, off)
     result.warnings += words.table_warnings(scenario)
     if method == "linear":  # other methods report the interaction
