@@ -82,8 +82,11 @@ def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
         counts += np.count_nonzero(above, axis=0)
         hits += int(np.count_nonzero(above.any(axis=1)))
         if step is not None:
-            between = np.add(above[:, 1:], above[:, :-1], dtype=float) / 2.0
-            time = (share_above(p_max - p_d) if common else between) @ step
+            if common:
+                share = share_above(p_max - p_d)
+            else:  # a pose stands for half of the steps beside it
+                share = 0.5 * above[:, 1:] + 0.5 * above[:, :-1]
+            time = share @ step
             total, squares = total + float(time.sum()), squares + float(np.sum(time * time))
         done += len(p_d)
         report("runs along the path", done, runs)
