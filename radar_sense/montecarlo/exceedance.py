@@ -82,10 +82,8 @@ def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
         counts += np.count_nonzero(above, axis=0)
         hits += int(np.count_nonzero(above.any(axis=1)))
         if step is not None:
-            if common:
-                share = share_above(p_max - p_d)
-            else:  # a pose stands for half of the steps beside it
-                share = 0.5 * above[:, 1:] + 0.5 * above[:, :-1]
+            halves = 0.5 * above  # a pose stands for half of the steps beside it
+            share = share_above(p_max - p_d) if common else halves[:, 1:] + halves[:, :-1]
             time = share @ step
             total, squares = total + float(time.sum()), squares + float(np.sum(time * time))
         done += len(p_d)
