@@ -160,8 +160,8 @@ WARNINGS: dict[str, str] = {
         "kilometres."
     ),
     "uncertainty-large": (
-        "Sigma of the height is above the height, or sigma of the attitude above that of an angle "
-        "of which nothing is known: a unit is a likely reason. Or 3 sigma of P_D is above 1: "
+        "Sigma of the height is above the height, or sigma of the attitude is above 104 deg, which "
+        "is that of an unknown angle: a unit is a likely reason. Or 3 sigma of P_D is above 1: "
         "errors cross a limit or a lobe, a radar is known poorly, or a unit is wrong."
     ),
 }

@@ -91,11 +91,6 @@ class Mission:
     events: Mapping[Event, Cumulative]
     drawn: Mapping[Event, DrawStatistics] = field(default_factory=dict)
 
-    @property
-    def largest_error(self) -> float:
-        """The largest standard error of a bound."""
-        return max(float(np.max([e.lower_se, e.upper_se])) for e in self.events.values())
-
 
 @command(
     LEVEL,
@@ -162,8 +157,7 @@ def mission(
         result.table.add(f"{name}_se{end}", found.mean_se, f"{of}Standard error of {name}{end}.")
 
     errors = {
-        event.key: words.peak(np.maximum(found.lower_se, found.upper_se), axis)
-        for event, found in network.events.items()
+        event.key: words.peak(found.bound_se, axis) for event, found in network.events.items()
     }
     result.summary |= {
         "looks": len(axis),
@@ -207,7 +201,7 @@ def mission(
     result.warnings += words.gathered(
         (one.radar or "the mission", words.warning("band-imprecise", text))
         for one in missions
-        if not one.drawn and one.largest_error > MOST_ERROR
+        if not one.drawn and any(np.any(e.bound_se > MOST_ERROR) for e in one.events.values())
     )
     result.draw = partial(_draw, scenario=scenario, missions=missions, window=window, k=k)
     return result

@@ -42,6 +42,11 @@ class Cumulative(DrawStatistics):
     mean_se: FloatArray
     p: FloatArray
 
+    @property
+    def bound_se(self) -> FloatArray:
+        """Standard error (K,) of the bound that is known worse."""
+        return np.maximum(self.lower_se, self.upper_se)
+
 
 class Weighted(NamedTuple):
     """Statistics of weighted draws at K times.

@@ -74,9 +74,11 @@ class TableFile:
         _, names = next(self._rows(1), (0, []))
         self.names = tuple(names)
 
-    def error(self, message: str, line: int | None = None) -> InputError:
+    def error(
+        self, message: str, line: int | None = None, kind: type[InputError] = InputError
+    ) -> InputError:
         """Return the error to raise about a line, or about the names of the columns."""
-        return InputError(f"{self.source}:{line or self.line}: {message}")
+        return kind(f"{self.source}:{line or self.line}: {message}")
 
     def require_known(self, columns: Mapping[str, Column], allowed: str) -> None:
         """Raise InputError unless the file has some of these columns, and no others.
@@ -96,13 +98,12 @@ class TableFile:
             suggestion = did_you_mean(name[:MAX_LETTERS], set(columns) - set(self.names))
             words = re.split("[,;\t]", ",".join(self.names))
             shown = suggestion or any(word.strip() in columns for word in words)
-            error = InputError if shown else FileError
-            raise error(
-                f"{self.source}:{self.line}: "
-                + (f"unknown column {describe(name)}" if shown else "names none of the columns")
+            raise self.error(
+                (f"unknown column {describe(name)}" if shown else "names none of the columns")
                 + f", allowed: {allowed}{suggestion}"
                 + ("; columns are separated by commas or semicolons" if "\t" in name else "")
-                + ("; the first line must name the columns" if NUMBER.fullmatch(name) else "")
+                + ("; the first line must name the columns" if NUMBER.fullmatch(name) else ""),
+                kind=InputError if shown else FileError,
             )
 
     def require(self, names: Sequence[str], required: str) -> None:

@@ -113,9 +113,10 @@ def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(tmp_
 
 @pytest.mark.usefixtures("few_judge")
 def test_the_mean_time_above_is_the_integral_of_the_probability(tmp_path):
-    """Only c_r is uncertain, by a tenth. P_D is above that of 73 km if c_r is (R/73 km)⁴ as large.
+    """Only c_r is uncertain, by a tenth. The threshold is P_D at 73 km.
 
-    The flight ends at 75 km from the radar, and has few poses.
+    At a range R, P_D is above it if c_r is more than (R/73 km)⁴ times its nominal value. The flight
+    ends at 75 km from the radar, and has few poses.
     """
     c_r = 20 * Boltzmann * 75e3**4  # of a signal 20 times the noise at the end
     file = write_path(

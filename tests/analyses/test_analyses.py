@@ -270,7 +270,7 @@ def test_the_draws_of_compare_are_not_those_of_automatic(monkeypatch):
 def test_compare_tells_a_difference_of_four_standard_errors(
     monkeypatch, right, other, errors, told
 ):
-    """The draws are made up: they are by one method, and another is off by so many errors."""
+    """The draws are made up: one method has their values, and another is off by some errors."""
     s = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
     found = [propagate_scenario(s, method=method) for method in (right, other)]
     drawn, off = np.array([[m.mean, m.std, m.lower, m.upper] for m in found])
