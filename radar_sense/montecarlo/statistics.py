@@ -12,7 +12,7 @@ from radar_sense.cost import MOST_BYTES
 from radar_sense.errors import InputError
 from radar_sense.states import FloatArray
 
-#: Rows are sorted when they are this many times the rows of a tail; two of them are kept.
+#: The tails are taken from the rows when these are this many times those of a tail; two are kept.
 ROOM = 3
 #: Independent replicates of draws, of the same size. Their spread gives the standard errors, which
 #: are themselves known to a quarter.
@@ -107,8 +107,8 @@ class Statistics:
         self.count = total
         self._rows += rows
         if sum(map(len, self._rows)) > ROOM * self._keep:
-            ordered = np.sort(np.concatenate(self._rows), axis=0)
-            self._rows = [ordered[: self._keep].copy(), ordered[-self._keep :].copy()]
+            parted = np.partition(np.concatenate(self._rows), [self._keep - 1, -self._keep], axis=0)
+            self._rows = [parted[: self._keep].copy(), parted[-self._keep :].copy()]
 
 
 def tail_quantiles(
@@ -124,7 +124,8 @@ def tail_quantiles(
     below = math.floor(position)
     # a rank from either end is the same in the tails as among all rows
     end = len(rows) - 1 - below
-    low, next_low, high, next_high = np.sort(rows, axis=0)[[below, below + 1, end, end - 1]]
+    ranks = [below, below + 1, end, end - 1]
+    low, next_low, high, next_high = np.partition(rows, ranks, axis=0)[ranks]
     part = position - below
     return low + part * (next_low - low), high + part * (next_high - high)
 
