@@ -205,7 +205,8 @@ def euler_angles(axes: FloatArray) -> FloatArray:
 
 def _matrix(rows: Sequence[Sequence[FloatArray]]) -> FloatArray:
     """Return matrices (..., 3, 3) from their entries (...)."""
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    entries = [entry for row in rows for entry in row]
+    return join(entries).reshape(*entries[0].shape, 3, 3)
 
 
 def _meridian(
