@@ -13,6 +13,7 @@ from scenario_file.earth import DEG, height_of, sees, to_ned
 from scenario_file.refused import refused
 
 import radar_sense as rs
+from radar_sense.acceptance.threshold import path_test
 from radar_sense.coverage.grid import Grid, p_d_in_cells, pose_in_cells
 from radar_sense.coverage.rays import rays
 from radar_sense.model.geometry import body_vector
@@ -197,6 +198,10 @@ def test_an_origin_too_far_for_the_attitude_errors_is_warned_of(yaw, origin, far
         found.append((bool(told), np.stack([bounds.lower, bounds.upper])))
         verdict = rs.analyses.variance(s, threshold=1.0).summary["threshold"]["verdict"]
         assert verdict == ("not known" if told else "holds")
+        limit = 0.999 * np.max(s.along(s.geometry.at(np.linspace(0.0, 1.0, 101))).p_d()) + 0.001
+        path = path_test(s, "automatic", limit, 3.0, propagate_scenario(s), nominal=False)
+        assert not np.any(path.test.violated & path.far)
+        assert np.any(path.decision.violated & path.far) == bool(told)
     assert [told for told, _ in found] == [far, False]
     assert (np.max(abs(found[0][1] - found[1][1])) > 0.005) == far
 
