@@ -370,15 +370,18 @@ class Command:
         self.help = about.strip()
         self.__doc__ = f"{self.help}\n\nArgs:\n{self._arguments()}{''.join(raises)}"
 
-    def __call__(self, scenario: Scenario, **options: Any) -> Any:
+    def __call__(self, scenario: Scenario, *others: Any, **options: Any) -> Any:
         """Return the result of the command.
 
         The options `level`, `radar`, `method`, `runs` and `seed` are always allowed.
 
         Raises:
             InputError: If the scenario is no `Scenario`, or an option is not allowed.
-            TypeError: If the command has no such option.
+            TypeError: If the command has no such option, or an option is not given by name.
         """
+        if others:
+            given = ", ".join(f"{name}=..." for name in [*self.defaults][: len(others)])
+            raise TypeError(f"{self.name}() takes the options by name: {given}")
         check_scenario(scenario)
         own = self._own(options)
         selected = self.selected(scenario, **options)

@@ -27,6 +27,9 @@ from radar_sense.words import describe_poses, listed, placed, warning
 MIN_SPEED, MAX_SPEED = 3.0, 2e3
 #: Greatest bank [rad] without a warning: a level turn at twice the weight.
 MAX_BANK = np.deg2rad(60.0)
+#: Greatest angle of the attitude [rad] without a warning: two turns, as of a yaw without steps. In
+#: Python angles are in radians.
+MAX_ANGLE = 4.0 * np.pi
 #: Standard deviation of an angle of which nothing is known [rad]: uniform over a turn.
 UNKNOWN_ANGLE = np.pi / np.sqrt(3.0)
 #: Least height above the ellipsoid or the sea [m]: the lowest land minus the greatest depth of the
@@ -134,6 +137,13 @@ def _height(scenario: Scenario) -> Iterator[str]:
 
 
 def _attitude(scenario: Scenario) -> Iterator[str]:
+    angle = float(abs(scenario.aircraft[:, ATTITUDE]).max())
+    if angle > MAX_ANGLE:
+        yield warning(
+            "angle-large",
+            f"an angle of the attitude is {angle:.4g} rad, {math.degrees(angle):.4g} deg: is it in "
+            "its unit?",
+        )
     variance = np.diagonal(scenario.cov_aircraft, axis1=-2, axis2=-1)[..., ATTITUDE]
     std = math.sqrt(variance.max())
     if std > UNKNOWN_ANGLE:

@@ -190,7 +190,9 @@ class Given:
         """Return the numbers of the panels."""
         panels = rows * columns
         if len(self.axes) != panels:
-            raise ValueError(f"this figure has {panels} panels, got {len(self.axes)} axes")
+            raise ValueError(
+                f"this figure has {panels} panels, got {len(self.axes)} axes: ax needs one each"
+            )
         return range(panels)
 
     def add_subplot(self, panel: int, projection: str | None = None) -> Axes:

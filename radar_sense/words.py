@@ -59,6 +59,10 @@ WARNINGS: dict[str, str] = {
         "ellipsoid without this key. Down is positive downwards, so a height of 3 km is -3; "
         "altitudes are positive upwards."
     ),
+    "angle-large": (
+        "An angle of the attitude is more than two turns. Angles are degrees in files, and radians "
+        "in Python."
+    ),
     "cells-unknown": (
         "Cells without a number: the aircraft is at a radar there, or the method does not "
         "converge. The file has NaN in these cells."
@@ -388,14 +392,17 @@ def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Spread]]) -> 
         return
     result.summary["largest_three_sigma_by_itself"] = found if others else first
     result.report.append("largest 3 sigma of each radar alone:")
-    for_each = (
-        ", ".join(
-            f"{level} " * bool(others) + describe_extreme(tops[name], axis)
-            for level, tops in found.items()
+    lines = []
+    (radars, *_) = at_level.values()
+    for name, (radar, _, _) in radars.items():
+        tops = (
+            f"{level} " * bool(others) + describe_extreme(of_level[name], axis)
+            for level, of_level in found.items()
         )
-        for name in first
-    )
-    result.report += rows(zip(first, for_each, strict=True))
+        seen = radar.model.visible(radar.aircraft, radar.radar).any()
+        unseen = "" if seen else "; out of sight at every nominal pose"
+        lines.append((name, ", ".join(tops) + unseen))
+    result.report += rows(lines)
 
 
 def level_and_method(scenario: Scenario) -> str:

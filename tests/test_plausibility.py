@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import csv_text, document, scenario, write_path
+from helpers import csv_text, document, scenario, with_arrays, write_path
 from routes import GEO, HEAD
 
 import radar_sense as rs
@@ -332,3 +332,16 @@ def test_a_constant_with_tolerances_is_never_below_zero():
     s = rs.load_scenario(SCANNING, {**large, "analysis.level": "data_sheet"})
     assert math.sqrt(s.cov_radar[3, 3]) > s.radar[3]
     assert not any("[constant-clipped]" in text for text in plausibility_warnings(s))
+
+
+def test_degrees_in_a_python_scenario_are_warned_of():
+    """A file refuses such an angle."""
+    s = scenario()
+    for yaw, told in ((np.deg2rad(359.0), ""), (90.0, "90 rad, 5157 deg: is it in its unit?")):
+        aircraft = s.aircraft.copy()
+        aircraft[3, 5] = yaw
+        texts = [
+            t for t in plausibility_warnings(with_arrays(s, aircraft=aircraft)) if "angle" in t
+        ]
+        assert len(texts) == bool(told)
+        assert all(told in text for text in texts)

@@ -21,7 +21,6 @@ from radar_sense.command import (
 from radar_sense.limits import Limit
 from radar_sense.montecarlo.convergence import (
     LARGEST_ERROR,
-    LEAST_STD,
     RATE_SIZES,
     REPLICATIONS,
     STATISTICS,
@@ -30,6 +29,7 @@ from radar_sense.montecarlo.convergence import (
     rate,
 )
 from radar_sense.montecarlo.sequences import SAMPLERS
+from radar_sense.montecarlo.statistics import LEAST_STD
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.words import placed, warning

@@ -282,7 +282,7 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     sigma = np.where(at.reach.endless, 0.0, at.std)  # said below
     why = "a limit, the end of the search, or no range is within 3 sigma"
     values = {
-        f"sigma has no value {{}}: {why}": sigma,
+        f"sigma has no value {{}}, see the bounds: {why}": sigma,
         "the lower bound has no value {}": at.lower,
         "the upper bound has no value {}": at.upper,
     }

@@ -76,19 +76,21 @@ def required_accuracy(
     goal = f"3 sigma <= {limit:g}" if k is None else condition(limit, k, probability)
     place = "at all poses" if at is None else f"at {axis.format(at)}"
     between = f" and at {poses.added} between them" if poses.added else ""
-    of = "sigma of one source (others unchanged) or of all must be:"
+    start = f"for {goal} {place}{between}, "
     whole_of = {name: source.part_of for name, source in sources_of(scenario).items()}
     place_of = [*required].index
     names = sorted(required, key=lambda name: place_of(whole_of.get(name) or name))
-    if required["all"].residual_from == P_D_ITSELF:
-        names = ["all"]
-    lines = words.rows(
+    lines = [f"{start}sigma of one source (others unchanged) or of all must be:"]
+    lines += words.rows(
         (
             f"  {name.removeprefix(f'{whole}_')}" if (whole := whole_of.get(name)) else name,
             in_words(required[name], axis),
         )
         for name in names
     )
+    if required["all"].residual_from == P_D_ITSELF:
+        above = f"P_D itself is above at {axis.format(required['all'].place)}"
+        lines = [f"{start}no better knowledge helps: {above}"]
     numbers = {
         **({"three_sigma": limit} if k is None else {"p_max": limit, "k": k}),
         "poses": len(axis),
@@ -96,7 +98,7 @@ def required_accuracy(
         f"at_{axis.unit}": at,
         "required_accuracy": _by_source(required, axis),
     }
-    return [f"for {goal} {place}{between}, {of}", *lines], {kind: numbers}
+    return lines, {kind: numbers}
 
 
 def _by_source(required: Mapping[str, RequiredAccuracy], axis: Axis) -> dict[str, dict[str, Any]]:
@@ -114,11 +116,9 @@ def in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
     """Describe the largest factor on the standard deviations of a source."""
     factor = accuracy.factor
     if factor is None and accuracy.known:
-        place, source = axis.format(accuracy.place), accuracy.residual_from
-        if source == P_D_ITSELF:
-            return f"P_D itself is above at {place}: no better knowledge helps"
-        shown = f", from {source}" if source else ""
-        return f"impossible alone ({accuracy.residual:.4f} remains at {place}{shown})"
+        source = f", from {accuracy.residual_from}" if accuracy.residual_from else ""
+        place = axis.format(accuracy.place)
+        return f"impossible alone ({accuracy.residual:.4f} remains at {place}{source})"
     if not factor:
         return "less than a millionth" if accuracy.known else "not known"
     if np.isinf(factor):

@@ -94,7 +94,8 @@ def sweep(
         if len(highest) == 1:
             # The first value tells: how many poses and draws a test takes is not known before.
             rest = (len(values) - 1) * (time.process_time() - started)
-            foresee("the values after the first", rest * RATE, less="fewer values")
+            what = "the values after the first, if they are like it,"
+            foresee(what, rest * RATE, less="fewer values")
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
     if tests:  # also between the rows of a path
         bound = np.array([tested.test.upper[tested.worst] for tested in tests])

@@ -90,9 +90,7 @@ def validate(scenario: Scenario, *, digits: int = 2, k: float = 3.0, workers: in
     result.table.add("distance_sigma", distance["std"], "Distance of the method's sigma.")
     result.table.add("error", error, "Largest standard error of mean, sigma and bounds by draws.")
 
-    # Where P_D is certain δ is 0. The distance is 0 too, unless the method is wrong.
-    without = np.where(verdict.distance > 0, np.inf, verdict.distance)
-    ratio = np.divide(verdict.distance, verdict.delta, out=without, where=verdict.delta > 0)
+    ratio = verdict.distance / verdict.delta
     largest = dict(zip(NAMES, (words.peak(row, axis) for row in ratio), strict=True))
     result.passed = verdict.word == "agrees"
     result.summary |= {
@@ -164,8 +162,7 @@ def _draw(figure: Figure, axis: Axis, verdict: Verdict, plain: MonteCarlo, metho
         label = f"{method} agrees" if axes is top else None
         plotting.draw_shade(axes, verdict.agrees, x, label=label)
     for name, row, style in zip(NAMES.values(), verdict.distance, plotting.LINES, strict=False):
-        with np.errstate(invalid="ignore"):  # 0/0 where no radar sees the aircraft, a gap
-            plotting.draw_line(top, x, row / verdict.delta, style, label=name)
+        plotting.draw_line(top, x, row / verdict.delta, style, label=name)
     top.axhline(1.0, color="black", lw=plotting.points(0.8))
     top.set_yscale("log")
     top.set_ylim(bottom=max(top.get_ylim()[0], 1e-3))  # far below 1 nothing is to be seen

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from radar_sense.cost import EMPHASIS, foresee
 from radar_sense.limits import Limit, check_number
-from radar_sense.montecarlo.montecarlo import ROUNDING
+from radar_sense.montecarlo.statistics import LEAST_STD
 from radar_sense.progress import report
 from radar_sense.propagation import Moments
 from radar_sense.propagation.draws import estimate
@@ -106,8 +106,9 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
     n = len(states)
     values = np.stack([getattr(band, name) for name in QUANTITIES])
     drawn, error = draw_in_parts(states, PRECISE, beta)
-    tolerance = np.array([numerical_tolerance(value, digits) for value in drawn[1]])
-    delta = np.maximum(tolerance, ROUNDING * abs(drawn[0]))
+    # no output shows a smaller deviation, nor differences as small as its digits
+    shown = np.maximum(drawn[1], LEAST_STD)
+    delta = np.array([numerical_tolerance(std, digits) for std in shown])
     draws, count = np.full(n, PRECISE), PRECISE
     verdict = Verdict(values, drawn, error, delta, draws)
     rows = np.flatnonzero(verdict.undecided)
@@ -145,9 +146,9 @@ def numerical_tolerance(std: float, digits: int) -> float:
     """Return δ of 7.9.2, half a unit in the last significant digit of a standard deviation.
 
     The deviation, rounded to n_dig digits, is c · 10^l with a whole number c of n_dig digits. Then
-    δ is ½ · 10^l. A deviation of 0 gives 0, and NaN gives NaN.
+    δ is ½ · 10^l. NaN gives NaN.
     """
-    if std == 0 or math.isnan(std):
+    if math.isnan(std):
         return std
     # The exponent after rounding: 0.0996 to two digits is 0.10, with l = −2.
     exponent = int(f"{std:.{digits - 1}e}".partition("e")[2])

@@ -17,7 +17,7 @@ from radar_sense.montecarlo.montecarlo import TAIL, draw_block
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS
-from radar_sense.montecarlo.statistics import tail_quantiles
+from radar_sense.montecarlo.statistics import LEAST_STD, tail_quantiles
 from radar_sense.progress import report
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
@@ -36,9 +36,8 @@ REPLICATIONS = 32
 REFERENCES, REFERENCE_FACTOR = 8, 2
 #: Most runs drawn at a time, a power of two. Another number would give other random numbers.
 BLOCK = 4096
-#: A smaller standard deviation of P_D counts as zero, as in print. One whose standard error in the
-#: reference is a larger part of it is not known.
-LEAST_STD, LARGEST_ERROR = 1e-6, 0.1
+#: A standard deviation of P_D whose standard error in the reference is a larger part is not known.
+LARGEST_ERROR = 0.1
 #: The statistics, as rows of an array.
 STATISTICS = {"mean": slice(0, 1), "std": slice(1, 2), "quantile": slice(2, 4)}
 

@@ -17,6 +17,8 @@ ROOM = 3
 #: Independent replicates of draws, of the same size. Their spread gives the standard errors, which
 #: are themselves known to a quarter.
 REPLICATES = 8
+#: A smaller standard deviation of P_D counts as zero, as in print.
+LEAST_STD = 1e-6
 
 
 @dataclass(frozen=True, eq=False)

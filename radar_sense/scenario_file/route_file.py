@@ -37,6 +37,7 @@ from radar_sense.model import geodesy
 from radar_sense.model.track import ATTITUDE_COLUMNS, attitude_of_motion, motion_of_samples
 from radar_sense.model.trajectory import MIN_STEP, Route
 from radar_sense.scenario_file import sections
+from radar_sense.scenario_file.conversion import KM
 from radar_sense.scenario_file.table_file import Column, TableFile, open_data
 from radar_sense.scenario_file.text_file import TextFile
 from radar_sense.scenario_file.track_file import PLACES, TIMES, Track, read_gpx, read_state_vectors
@@ -168,6 +169,9 @@ def read_route(
             )
         if stated.down_km:
             raise track.error("down_km shifts north, east, down; here altitude_m shifts the route")
+        shift = KM * np.array([stated.north_km, stated.east_km, 0.0])
+        if shift.any():  # in the level plane of each row, whose height stays
+            track.place[:, :2] = geodesy.geodetic_from_ned(shift, track.place)[:, :2]
         track.place[:, 2] += _above_ellipsoid(track, stated) + stated.altitude_m
     elif origin is not None:
         raise track.error(
@@ -182,7 +186,7 @@ def read_route(
     elif stated.altitude_m:
         raise track.error("altitude_m shifts latitude and longitude; here down_km shifts the route")
     else:
-        track.place[:, 2] += 1e3 * stated.down_km
+        track.place[:] += KM * np.array([stated.north_km, stated.east_km, stated.down_km])
     if track.attitude is None and len(track.place) < 2:
         raise InputError(
             f"{file.source}: has {len(track.place)} row; attitude from the track needs 2 or more, "

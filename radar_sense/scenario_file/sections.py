@@ -449,6 +449,8 @@ class Path(Section):
         Limit(at_least=-110, at_most=90),  # by EGM2008 from -107 to 86
         default=None,
     )
+    north_km: float = key("Shift of a whole route to the north.", ANY, default=0.0)
+    east_km: float = key("Shift of a whole route to the east.", ANY, default=0.0)
     down_km: float = key(
         "Shift of a whole route in north, east, down; negative is up.", ANY, default=0.0
     )

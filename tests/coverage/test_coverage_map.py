@@ -538,8 +538,12 @@ def test_a_limit_that_errors_may_cross_does_not_lower_the_bound(limits):
     true = propagate_scenario(s.at_states(states))
     assert np.all(shown >= true.upper - 0.005 - 3 * true.error)
     assert shown.min() == 0  # beyond three sigma of the limit
-    for warning in (text for text in result.warnings if text.endswith("[band-off]")):
-        assert re.search(r"checked: too high in \d+ by up to [\d.]+; use variance at", warning)
+    told = [text for text in result.warnings if text.endswith("[band-off]")]
+    assert all("in at most " * len(told) in line for line in result.report if "of the area" in line)
+    for warning in told:
+        assert re.search(
+            r"checked: too high in \d+ of \d+ by up to [\d.]+; use variance at", warning
+        )
 
 
 def test_a_bound_that_is_shown_is_judged_where_the_moments_have_no_value():

@@ -125,6 +125,15 @@ def test_a_route_is_shifted_as_a_whole(tmp_path):
     assert_allclose(lifted.aircraft[:, :3], before.aircraft[:, :3] - [0, 0, 500], rtol=1e-12)
     lifted, high = path("geo.csv", origin=place, altitude_m=500), path("high.csv", origin=place)
     assert_allclose(lifted.aircraft, high.aircraft, rtol=1e-9, atol=1e-9)
+    aside = path("ned.csv", north_km=2, east_km=-1).aircraft
+    assert_allclose(aside[:, :3], before.aircraft[:, :3] + [2000, -1000, 0], rtol=1e-12)
+    below = {**place, "longitude_deg": 11}  # the first row; the earth curves away by d^2/2R
+    aside = path("geo.csv", origin=below, north_km=2, east_km=-1).aircraft
+    assert_allclose(aside[0, :3], [2000, -1000, -3000 + 5e6 / 2 / 6.37e6], atol=0.01)
+    pole = {"latitude_deg": 90, "longitude_deg": 0, "altitude_m": 0}
+    (tmp_path / "pole.csv").write_text(f"{GEO}\n0,89.99,11,3000\n60,89.98,11,4000\n")
+    beyond = path("pole.csv", origin=pole, north_km=3).aircraft[0, :2]
+    assert np.hypot(*beyond) == pytest.approx(3000 - 0.01 * 111_694, abs=1.0)
     for name, keys, message in (
         ("ned.csv", {"altitude_m": 5}, "altitude_m shifts latitude and longitude; here down_km"),
         ("geo.csv", {"down_km": 5, "origin": place}, "down_km shifts north, east, down; here alt"),
