@@ -189,9 +189,9 @@ class Path(Geometry):
     """A path: poses with times, and the flight between them.
 
     Without a `flight` of its own, the aircraft flies straight from pose to pose. Position is linear
-    in time, in latitude and longitude if the path follows the curve of the earth. Attitude turns
-    the short way at a constant rate. Covariances are linear in time, relative to north, east and
-    down at the aircraft.
+    in time. If the path is in latitude and longitude, the line is lifted to a height that is linear
+    in time. Attitude turns the short way at a constant rate. Covariances are linear in time,
+    relative to north, east and down at the aircraft.
 
     Attributes:
         time_s: Time of each pose (n,) [s], increasing.

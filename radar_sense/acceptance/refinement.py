@@ -1,9 +1,7 @@
 """Poses added between the poses of a flight, until P_D and its bound are resolved.
 
-Between two rows the position is on a straight line. The line is in latitude and longitude if the
-path follows the curve of the earth. The attitude turns the short way at a constant rate. The
-covariance is linear, relative to north, east and down at the aircraft. A mission has the same
-states between rows.
+Between two rows the aircraft flies as `flight.Path` says. A mission has the same states between
+rows.
 
 Between two azimuths of an orbit the position is on the circle, and between two ranges of a radial
 on the line. The attitude is constant.

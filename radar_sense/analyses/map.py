@@ -192,7 +192,7 @@ def coverage_map(
         "route": [float(np.fmin.reduce(route)), float(np.fmax.reduce(route))],
     }
     off = _off_by_draws(cells, method, k) if upper else {}
-    most = "at most " if list(off) == ["high"] else ""
+    most = {("high",): "at most ", ("low",): "at least "}.get(tuple(off), "")
     quantity = f"upper {k:g}-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     place = _pose_in_words(result.summary)
     result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]
@@ -210,9 +210,8 @@ def coverage_map(
     if off:
         remedy = "use variance at poses there" if method == "form" else f"use --method {AUTOMATIC}"
         text = f"the {method} bound is off in some of the cells that were checked"
-        result.warnings.append(
-            warning("band-off", f"{text}: {' and '.join(off.values())}; {remedy}")
-        )
+        found = f"{' and '.join(off.values())}, in others perhaps by more"
+        result.warnings.append(warning("band-off", f"{text}: {found}; {remedy}"))
     result.exports = {"geojson": partial(geojson, cells=cells, route=route)}
     result.draw = partial(_draw, result=result, route=route)
     return result

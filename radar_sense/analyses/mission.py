@@ -1,10 +1,7 @@
 """A mission: the probability of a detection and of a track by each look along a path.
 
-Between two poses the aircraft flies a straight line. The line is in latitude and longitude if the
-path follows the curve of the earth, and in the local frame otherwise. The attitude turns the short
-way at a constant rate. The covariance is linear, relative to level at the aircraft. When radars
-look, and which look together, is in `mission.schedule`; the bounds are from draws, see
-`mission.recombined`.
+Between two poses the aircraft flies as `flight.Path` says. When radars look, and which look
+together, is in `mission.schedule`; the bounds are from draws, see `mission.recombined`.
 """
 
 from __future__ import annotations

@@ -144,7 +144,7 @@ def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
     The bound is that without limits. The distance is 0 where errors do not.
     """
     guess, far = first_guess(seen, value, k), np.full(len(seen.p_d), FARTHEST)
-    free = reach_of_bound(seen, guess, far, quantile_above(value, method, k))
+    free = reach_of_bound(seen, *guess, far, quantile_above(value, method, k))
     samples = np.broadcast_to(seen.distance, seen.p_d.shape)
     sight = seen.all_rays.at(samples, limits=True).states().sight().reshape(samples.shape)
     seen_at = (sight != NEVER) & (samples <= np.nan_to_num(free, nan=FARTHEST)[:, np.newaxis])
@@ -233,13 +233,14 @@ def _by_draws(
     linear. Also returned is where (n,) even the most draws are not precise.
     """
     limit = np.full(len(guess), FARTHEST)
-    guess = np.where(np.isnan(guess), first_guess(seen, value, beta), guess)
+    first, step = first_guess(seen, value, beta)
+    guess = np.where(np.isnan(guess), first, guess)
 
     def above(rays: Rays, at: FloatArray) -> FloatArray:
         tail, _ = tail_probability(rays.at(at, limits=True).states(), FIRST, beta, value)
         return np.asarray(np.sign(beta) * ndtri(tail) + beta)
 
-    reach = reach_of_bound(seen, guess, limit, above, *TOLERANCES)
+    reach = reach_of_bound(seen, guess, step, limit, above, *TOLERANCES)
     rows = np.flatnonzero(reach > 0)
     for draws in DRAWS:
         if not rows.size:

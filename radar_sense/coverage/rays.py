@@ -25,10 +25,13 @@ from radar_sense.states import AIRCRAFT, ATTITUDE, BLOCK, DOWN, POSITION, YAW, F
 
 #: Nearest and farthest distance of the search [m].
 NEAREST, FARTHEST = 1.0, 5e6
-#: Number of distances at which P_D is computed on a ray. Each step is 2 % of the distance.
-SAMPLES = 768
-#: Bounds of P_D change slowly along a ray, and are computed at every STRIDE-th sample.
-STRIDE = 8
+#: Number of distances at which P_D is computed on a ray. Each step is 2 % of the distance. Steps in
+#: which the line of sight turns by more than HALF of a lobe of RCS or antenna are halved, until
+#: there are MOST_SAMPLES.
+SAMPLES, MOST_SAMPLES, HALF = 768, 6144, 0.5
+#: Bounds of P_D change slowly along a ray, and are computed at every STRIDE-th sample, and at
+#: WITHIN distances where P_D of the nominal states is at or above the value.
+STRIDE, WITHIN = 8, 17
 #: Halvings of a bracket. A bracket of 2 % shrinks to 1e-14 of the distance.
 HALVINGS = 42
 #: Factors by which a bracket of a bound grows, in this order.
@@ -227,15 +230,44 @@ class Survey:
 
 def survey(all_rays: Rays) -> Survey:
     """Compute P_D along all rays."""
-    distance = np.geomspace(NEAREST, FARTHEST, SAMPLES)
-    count = len(all_rays.bearing)
-    p_d, visible = np.empty((count, SAMPLES)), np.empty((count, SAMPLES), dtype=bool)
-    for block in slices(count, BLOCK // SAMPLES):
+    distance = _samples(all_rays)
+    shape = len(all_rays.bearing), len(distance)
+    p_d, visible = np.empty(shape), np.empty(shape, dtype=bool)
+    for block in slices(len(p_d), max(1, BLOCK // len(distance))):
         rays, radar = all_rays.part(block), all_rays.scenario.radar
-        states = rays.states(np.broadcast_to(distance, (len(rays.bearing), SAMPLES)))
+        states = rays.states(np.broadcast_to(distance, (len(rays.bearing), len(distance))))
         p_d[block] = rays.scenario.model.p_d(states, radar)
         visible[block] = rays.limited.model.visible(states, radar)[..., 0]
     return Survey(all_rays, distance, p_d, visible)
+
+
+def _samples(all_rays: Rays) -> FloatArray:
+    """Return the distances (k,) of the samples, ascending; one is between two limits of the range.
+
+    The height is the same on all rays, so the line of sight of one turns as that of another.
+    """
+    first, (radar,) = all_rays.part(slice(0, 1)), all_rays.limited.radars
+    distance = np.geomspace(NEAREST, FARTHEST, SAMPLES)
+    lobes = [of.detail for of in (radar.model.rcs, radar.model.antenna) if of is not None]
+    while len(distance) < MOST_SAMPLES:
+        line = (
+            first.states(distance[np.newaxis])[0, :, POSITION] - all_rays.scenario.radar[POSITION]
+        )
+        line /= np.linalg.norm(line, axis=1, keepdims=True)
+        turn = 2.0 * np.arcsin(0.5 * np.linalg.norm(np.diff(line, axis=0), axis=1))
+        middle = np.sqrt(distance[1:] * distance[:-1])[turn > HALF * min(lobes)]
+        if not middle.size:
+            break
+        distance = np.sort(np.append(distance, middle))
+    if radar.min_range > 0 and radar.max_range < FARTHEST:
+        between = math.sqrt(radar.min_range * radar.max_range)
+
+        def nearer(at: FloatArray) -> NDArray[np.bool_]:
+            return first.slant_range(at[:, 0])[:, np.newaxis] < between
+
+        near, far = halved(distance[:1], distance[-1:], nearer)
+        distance = np.union1d(distance, np.sqrt(near * far))
+    return distance
 
 
 def reach_of_quantile(seen: Survey, value: float, method: str, beta: float) -> FloatArray:
@@ -249,7 +281,7 @@ def reach_of_quantile(seen: Survey, value: float, method: str, beta: float) -> F
     distance is 0 where the quantile is nowhere as high, NaN where the method has no value.
     """
     above = quantile_above(value, method, beta)
-    found = reach_of_bound(seen, first_guess(seen, value, beta), seen.limit, above)
+    found = reach_of_bound(seen, *first_guess(seen, value, beta), seen.limit, above)
     inside = np.where(found > 0, found * INSIDE, NEAREST)[:, np.newaxis]
     found[(found > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0.0
     return found
@@ -267,20 +299,42 @@ def quantile_above(
     return above
 
 
-def first_guess(seen: Survey, value: float, beta: float) -> FloatArray:
-    """Return where (n,) the quantile by `probit` reaches a value, or comes closest."""
-    distance = seen.distance[::STRIDE]
-    samples = np.broadcast_to(distance, (len(seen.p_d), len(distance)))
+def first_guess(seen: Survey, value: float, beta: float) -> tuple[FloatArray, FloatArray]:
+    """Return where (n,) the quantile by `probit` reaches a value, or comes closest, and step (n,).
+
+    The step is the power of `EXPANSIONS` to search on with: 1, or less where the distance is within
+    a narrow window, in which P_D of the nominal states is at or above the value.
+    """
+    distance, rows = seen.distance, np.arange(len(seen.p_d))
+    # where P_D is at or above the value for the last time, or is highest
+    inside, reach = seen.p_d >= value, seen.reach(value, limits=False).distance
+    highest = np.argmax(np.nan_to_num(seen.p_d), axis=1)
+    number = np.broadcast_to(np.arange(len(distance)), inside.shape)
+    last = np.where(reach > 0, np.max(number, axis=1, where=inside, initial=0), highest)
+    outside = ~inside & (number < last[:, np.newaxis])
+    start = distance[np.max(number, axis=1, where=outside, initial=0)]
+    end = np.where(reach > 0, reach, distance[np.minimum(last + 1, len(distance) - 1)])
+    per_window = WITHIN * np.log(EXPANSIONS[0])
+    step = np.log(end / start) / per_window
+    step = np.where((reach > 0) & (step < 1.0), step, 1.0)
+
+    strided = np.broadcast_to(distance[::STRIDE], (len(rows), len(distance[::STRIDE])))
+    samples = np.hstack([strided, np.geomspace(start, end, WITHIN, axis=1)])
     bound = seen.all_rays.quantile(samples, "probit", beta)
-    inside = bound >= value
-    last = len(distance) - 1 - np.argmax(inside[:, ::-1], axis=1)
-    highest = np.argmax(np.nan_to_num(bound), axis=1)
-    return np.asarray(distance[np.where(inside.any(axis=1), last, highest)])
+    closest = samples[rows, np.argmax(np.nan_to_num(bound), axis=1)]
+    closest = np.where(step < 1.0, end, closest)
+    farthest = np.max(samples, axis=1, where=bound >= value, initial=0.0)
+    guess, (radar,) = np.where(farthest > 0, farthest, closest), seen.all_rays.limited.radars
+    step = np.where(guess >= start, step, 1.0)
+    if radar.min_range > 0:  # the window between two limits may be narrow, too
+        step = np.minimum(step, np.log(radar.max_range / radar.min_range) / per_window)
+    return guess, step
 
 
 def reach_of_bound(
     seen: Survey,
     guess: FloatArray,
+    step: FloatArray,
     limit: FloatArray,
     above: Callable[[Rays, FloatArray], FloatArray],
     z_tolerance: float = Z_TOLERANCE,
@@ -293,6 +347,7 @@ def reach_of_bound(
     Args:
         seen: P_D along the rays.
         guess: Where the bound may reach the value (n,) [m].
+        step: Power (n,) of the factors by which a bracket grows.
         limit: Largest distance (n,) [m]; 0 for a ray without any.
         above: From j rays and distances (j,) to z of the bound less z of the value (j,), or of
             another probability that falls with distance.
@@ -315,11 +370,11 @@ def reach_of_bound(
     for factor in EXPANSIONS:
         rows = np.flatnonzero((at_near < 0) & (near > NEAREST))  # the bound is too low here
         far[rows], at_far[rows] = near[rows], at_near[rows]
-        near[rows] = np.maximum(near[rows] / factor, NEAREST)
+        near[rows] = np.maximum(near[rows] / factor ** step[rows], NEAREST)
         at_near[rows] = excess(rows, near[rows])
         rows = np.flatnonzero((at_far >= 0) & (far < limit))
         near[rows], at_near[rows] = far[rows], at_far[rows]
-        far[rows] = np.minimum(far[rows] * factor, limit[rows])
+        far[rows] = np.minimum(far[rows] * factor ** step[rows], limit[rows])
         at_far[rows] = excess(rows, far[rows])
     reach = np.where(at_near < 0, 0.0, far)  # `far` is the limit if the bound is high enough there
     unknown = np.isnan(at_near) | np.isnan(at_far)

@@ -549,6 +549,56 @@ def test_a_range_between_two_samples_is_found():
     assert not column(result, "limited_0.5").any()
 
 
+BEAM = "elevation_deg,gain_db\n-20,-40\n-4,-30\n-1,-3\n0,0\n1,-3\n4,-30\n20,-40\n"
+
+
+@pytest.mark.parametrize("down_km", [-6.0, -6.4, -6.6])
+def test_a_band_within_a_narrow_window_of_the_antenna(down_km, tmp_path):
+    """P_D is above 0.9 over less than 2 % of the distance, where the beam meets the height."""
+    (tmp_path / "beam.csv").write_text(BEAM)
+    errors = {"position_m": 5, "constant": 5.6e-6, "tilt_deg": 0.01}
+    content = swerling1(
+        radar__constant=2.8e-4,
+        radar__elevation_gain="beam.csv",
+        radar__tilt_deg=20,
+        uncertainty={"aircraft": {"position_m": 10, "attitude_deg": 1}, "radar": {"a": errors}},
+        analysis={"level": "a"},
+    )
+    content["geometry"]["down_km"] = down_km
+    (tmp_path / "beam.yaml").write_text(yaml_text(content))
+    s = rs.load_scenario(tmp_path / "beam.yaml")
+    found = on_rays(s, 0.0, p_d=0.9)
+    n, tail, rng = 100_000, ndtr(-3.0), np.random.default_rng(3)
+    states = s.states()
+    radars = states.radars_at(rng.standard_normal((n, states.radar_normals)))
+
+    def exceeds(slant):
+        """P(P_D > 0.9) by plain draws."""
+        aircraft = np.array([math.sqrt(slant**2 - (1e3 * down_km) ** 2), 0, 1e3 * down_km, 0, 0, 0])
+        drawn = aircraft + rng.standard_normal((n, 6)) * np.sqrt(np.diag(s.cov_aircraft))
+        return np.mean(s.model.unchecked_p_d(drawn[:, np.newaxis], radars[:, np.newaxis]) > 0.9)
+
+    noise = 4 * math.sqrt(tail / n)
+    assert 0 < found.lower < found.slant < found.upper
+    for end, share in ((found.lower[0], 1 - tail), (found.upper[0], tail)):
+        assert exceeds(1.0005 * end) - noise <= share <= exceeds(0.9995 * end) + noise
+
+
+def test_a_window_between_two_limits_is_found():
+    """It is 0.4 km wide, between two samples 1 km apart."""
+    errors = {"a": {"position_m": 5, "constant": 0.01}}
+    content = swerling1(
+        50.6,
+        radar__max_range_km=51.0,
+        radar__constant=1,
+        uncertainty={"aircraft": {"position_m": 10, "attitude_deg": 0}, "radar": errors},
+        analysis={"level": "a"},
+    )
+    found = on_rays(parse_scenario(yaml_text(content)), 0.0, 90.0)
+    np.testing.assert_allclose(found.slant, 51e3, rtol=1e-8)
+    np.testing.assert_allclose(51e3 - found.lower, 3 * math.hypot(10, 5), rtol=0.5)
+
+
 def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
     """Radar and aircraft are at one height, with a mask of 0.1 deg: P_D is 0 on all rays."""
     (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n0,0.1\n90,0.1\n180,0.1\n")
