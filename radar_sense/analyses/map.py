@@ -192,7 +192,8 @@ def coverage_map(
         "route": [float(np.fmin.reduce(route)), float(np.fmax.reduce(route))],
     }
     off = _off_by_draws(cells, method, k) if upper else {}
-    most = {("high",): "at most ", ("low",): "at least "}.get(tuple(off), "")
+    sides = {"high": "at most ", "low": "at least "}
+    most = sides[next(iter(off))] if len(off) == 1 else ""
     quantity = f"upper {k:g}-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     place = _pose_in_words(result.summary)
     result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]
@@ -210,8 +211,8 @@ def coverage_map(
     if off:
         remedy = "use variance at poses there" if method == "form" else f"use --method {AUTOMATIC}"
         text = f"the {method} bound is off in some of the cells that were checked"
-        found = f"{' and '.join(off.values())}, in others perhaps by more"
-        result.warnings.append(warning("band-off", f"{text}: {found}; {remedy}"))
+        by = f"{' and '.join(off.values())}, in others perhaps by more"
+        result.warnings.append(warning("band-off", f"{text}: {by}; {remedy}"))
     result.exports = {"geojson": partial(geojson, cells=cells, route=route)}
     result.draw = partial(_draw, result=result, route=route)
     return result
