@@ -32,6 +32,10 @@ from radar_sense.model.geometry import Turn, join, split
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS
 from radar_sense.states import FloatArray, real_array
 
+#: What turns the directions in which an RCS is asked for its gradient off axes of symmetry; the
+#: step of the differences [m], a millionth of the distance; and the relative error of the gradient
+#: that is allowed, beside rounding, a part of σ_r.
+_ASIDE, _STEP, _GRADIENT_ERROR, _ROUNDING = np.array([0.13, 0.07, 0.09]), 0.1, 0.02, 1e-14
 _LOBES = Limit(at_least=1, at_most=1e6, whole=True)
 
 C = TypeVar("C", bound=type[Any])
@@ -104,6 +108,19 @@ def check_rcs(rcs: Any) -> None:
                 f"{what} must be finite and not negative, got {array[wrong][0]:g} at azimuth "
                 f"{azimuth:.3g} and elevation {elevation:.3g} deg"
             )
+    aside = vectors + _ASIDE * np.linalg.norm(vectors, axis=-1, keepdims=True)
+    numeric = join(
+        (rcs.cross_section(aside + step) - rcs.cross_section(aside - step)) / (2.0 * _STEP)
+        for step in _STEP * np.eye(3)
+    )
+    difference = np.linalg.norm(rcs.linearize(aside)[1] - numeric, axis=-1)
+    rounding = _ROUNDING * np.max(sigma)
+    off = difference > _GRADIENT_ERROR * np.linalg.norm(numeric, axis=-1) + rounding
+    if np.count_nonzero(off) > off.size / 2:  # at an edge of a lobe there is no gradient
+        raise InputError(
+            f"the gradient of {name}.linearize is not that of {name}.cross_section, by differences "
+            f"of it in {np.count_nonzero(off)} of {off.size} directions"
+        )
 
 
 def with_error(rcs: RCS, body_vector: FloatArray, error: FloatArray) -> FloatArray:

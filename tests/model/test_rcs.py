@@ -1,5 +1,8 @@
 """The exact ellipsoid, and the error of the paper's formula."""
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 import pytest
 from helpers import scenario
@@ -127,6 +130,31 @@ class Plate:
     def cross_section(self, body_vector): ...
 
     def linearize(self, body_vector): ...
+
+
+@dataclass(frozen=True)
+class Cardioid:
+    """σ = 1.1 + the cosine of the angle from the nose, with a factor on the gradient."""
+
+    factor: float
+    isotropic: ClassVar[bool] = False
+    detail: float = np.pi
+
+    def cross_section(self, body_vector):
+        return 1.1 + body_vector[..., 0] / np.linalg.norm(body_vector, axis=-1)
+
+    def linearize(self, body_vector):
+        distance = np.linalg.norm(body_vector, axis=-1, keepdims=True)
+        unit = body_vector / distance
+        gradient = (np.eye(3)[0] - unit[..., :1] * unit) / distance
+        return self.cross_section(body_vector), self.factor * gradient
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.5, -1.0, 1.05])
+def test_a_gradient_of_ones_own_is_that_of_the_cross_section(factor):
+    rs.DetectionModel(rcs=Cardioid(1.0), p_fa=1e-4)
+    with pytest.raises(rs.InputError, match=r"^the gradient of Cardioid.linearize is not that of"):
+        rs.DetectionModel(rcs=Cardioid(factor), p_fa=1e-4)
 
 
 @pytest.mark.parametrize("name", ["isotropic", "detail", "cross_section", "linearize"])
