@@ -29,9 +29,9 @@ NEAREST, FARTHEST = 1.0, 5e6
 #: which the line of sight turns by more than HALF of a lobe of RCS or antenna are halved, until
 #: there are MOST_SAMPLES.
 SAMPLES, MOST_SAMPLES, HALF = 768, 6144, 0.5
-#: Bounds of P_D change slowly along a ray, and are computed at every STRIDE-th sample, and at
-#: WITHIN distances where P_D of the nominal states is at or above the value.
-STRIDE, WITHIN = 8, 17
+#: Bounds of P_D change slowly along a ray, and are computed at every STRIDE-th sample. A search in
+#: a narrow window goes on by a part 1/PARTS of it.
+STRIDE, PARTS = 8, 16
 #: Halvings of a bracket. A bracket of 2 % shrinks to 1e-14 of the distance.
 HALVINGS = 42
 #: Factors by which a bracket of a bound grows, in this order.
@@ -302,33 +302,27 @@ def quantile_above(
 def first_guess(seen: Survey, value: float, beta: float) -> tuple[FloatArray, FloatArray]:
     """Return where (n,) the quantile by `probit` reaches a value, or comes closest, and step (n,).
 
-    The step is the power of `EXPANSIONS` to search on with: 1, or less where the distance is within
-    a narrow window, in which P_D of the nominal states is at or above the value.
+    The step is the power of `EXPANSIONS` to search on with. It is less than 1 where P_D of the
+    nominal states is at or above the value in a narrow window alone, or the limits are close.
     """
-    distance, rows = seen.distance, np.arange(len(seen.p_d))
-    # where P_D is at or above the value for the last time, or is highest
-    inside, reach = seen.p_d >= value, seen.reach(value, limits=False).distance
-    highest = np.argmax(np.nan_to_num(seen.p_d), axis=1)
-    number = np.broadcast_to(np.arange(len(distance)), inside.shape)
-    last = np.where(reach > 0, np.max(number, axis=1, where=inside, initial=0), highest)
-    outside = ~inside & (number < last[:, np.newaxis])
-    start = distance[np.max(number, axis=1, where=outside, initial=0)]
-    end = np.where(reach > 0, reach, distance[np.minimum(last + 1, len(distance) - 1)])
-    per_window = WITHIN * np.log(EXPANSIONS[0])
-    step = np.log(end / start) / per_window
-    step = np.where((reach > 0) & (step < 1.0), step, 1.0)
-
-    strided = np.broadcast_to(distance[::STRIDE], (len(rows), len(distance[::STRIDE])))
-    samples = np.hstack([strided, np.geomspace(start, end, WITHIN, axis=1)])
-    bound = seen.all_rays.quantile(samples, "probit", beta)
-    closest = samples[rows, np.argmax(np.nan_to_num(bound), axis=1)]
-    closest = np.where(step < 1.0, end, closest)
-    farthest = np.max(samples, axis=1, where=bound >= value, initial=0.0)
-    guess, (radar,) = np.where(farthest > 0, farthest, closest), seen.all_rays.limited.radars
-    step = np.where(guess >= start, step, 1.0)
-    if radar.min_range > 0:  # the window between two limits may be narrow, too
+    distance, reach = seen.distance, seen.reach(value, limits=False).distance
+    inside, number = seen.p_d >= value, np.arange(len(distance))
+    last = np.max(np.where(inside, number, 0), axis=1)
+    start = distance[np.max(np.where(inside | (number > last[:, np.newaxis]), 0, number), axis=1)]
+    (radar,), per_window = seen.all_rays.limited.radars, PARTS * np.log(EXPANSIONS[0])
+    step = np.where(reach > 0, np.log(np.maximum(reach, start) / start) / per_window, 1.0)
+    narrow = step < 1.0
+    if radar.min_range > 0:
         step = np.minimum(step, np.log(radar.max_range / radar.min_range) / per_window)
-    return guess, step
+
+    end = np.where(reach > 0, reach, distance[np.argmax(np.nan_to_num(seen.p_d), axis=1)])
+    strided = np.broadcast_to(distance[::STRIDE], (len(end), len(distance[::STRIDE])))
+    samples = np.hstack([strided, end[:, np.newaxis]])
+    bound = seen.all_rays.quantile(samples, "probit", beta)
+    closest = samples[np.arange(len(end)), np.argmax(np.nan_to_num(bound), axis=1)]
+    farthest = np.max(samples, axis=1, where=bound >= value, initial=0.0)
+    guess = np.where(farthest > 0, farthest, np.where(narrow, end, closest))
+    return guess, np.minimum(step, 1.0)
 
 
 def reach_of_bound(

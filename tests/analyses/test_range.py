@@ -584,6 +584,22 @@ def test_a_band_within_a_narrow_window_of_the_antenna(down_km, tmp_path):
         assert exceeds(1.0005 * end) - noise <= share <= exceeds(0.9995 * end) + noise
 
 
+def test_a_window_of_the_antenna_between_two_samples_is_found(tmp_path):
+    """The beam of 0.4 deg crosses the height within 2 % of the distance."""
+    (tmp_path / "beam.csv").write_text("elevation_deg,gain_db\n-30,-40\n-0.2,-40\n0,0\n0.2,-40\n")
+    antenna = {"radar__elevation_gain": "beam.csv", "radar__tilt_deg": 30}
+    content = swerling1(radar__constant=0.05, **antenna)
+    content["geometry"]["down_km"] = -6.05
+    (tmp_path / "beam.yaml").write_text(yaml_text(content))
+    s = rs.load_scenario(tmp_path / "beam.yaml")
+    (slant,) = on_rays(s, 0.0, p_d=0.9, method="linear").slant
+    below, beyond = (
+        s.model.p_d([math.sqrt((off * slant) ** 2 - 6050**2), 0, -6050, 0, 0, 0], s.radar)
+        for off in (1 - 1e-7, 1 + 1e-7)
+    )
+    assert below > 0.9 > beyond
+
+
 def test_a_window_between_two_limits_is_found():
     """It is 0.4 km wide, between two samples 1 km apart."""
     errors = {"a": {"position_m": 5, "constant": 0.01}}
