@@ -315,13 +315,12 @@ def first_guess(seen: Survey, value: float, beta: float) -> tuple[FloatArray, Fl
     if radar.min_range > 0:
         step = np.minimum(step, np.log(radar.max_range / radar.min_range) / per_window)
 
-    end = np.where(reach > 0, reach, distance[np.argmax(np.nan_to_num(seen.p_d), axis=1)])
-    strided = np.broadcast_to(distance[::STRIDE], (len(end), len(distance[::STRIDE])))
-    samples = np.hstack([strided, end[:, np.newaxis]])
+    distance = distance[::STRIDE]
+    samples = np.broadcast_to(distance, (len(reach), len(distance)))
     bound = seen.all_rays.quantile(samples, "probit", beta)
-    closest = samples[np.arange(len(end)), np.argmax(np.nan_to_num(bound), axis=1)]
+    closest = distance[np.argmax(np.nan_to_num(bound), axis=1)]
     farthest = np.max(samples, axis=1, where=bound >= value, initial=0.0)
-    guess = np.where(farthest > 0, farthest, np.where(narrow, end, closest))
+    guess = np.where(farthest > 0, farthest, np.where(narrow, reach, closest))
     return guess, np.minimum(step, 1.0)
 
 
