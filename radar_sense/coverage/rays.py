@@ -360,14 +360,16 @@ def reach_of_bound(
     near = np.clip(guess, NEAREST, np.maximum(limit, NEAREST))
     at_near = excess(all_rows, near)
     far, at_far = near.copy(), at_near.copy()
-    for factor in EXPANSIONS:
+    # first within a narrow window, and then beyond it
+    powers = [step, np.ones_like(step)] if np.any(step < 1.0) else [step]
+    for factor in (factor**power for power in powers for factor in EXPANSIONS):
         rows = np.flatnonzero((at_near < 0) & (near > NEAREST))  # the bound is too low here
         far[rows], at_far[rows] = near[rows], at_near[rows]
-        near[rows] = np.maximum(near[rows] / factor ** step[rows], NEAREST)
+        near[rows] = np.maximum(near[rows] / factor[rows], NEAREST)
         at_near[rows] = excess(rows, near[rows])
         rows = np.flatnonzero((at_far >= 0) & (far < limit))
         near[rows], at_near[rows] = far[rows], at_far[rows]
-        far[rows] = np.minimum(far[rows] * factor ** step[rows], limit[rows])
+        far[rows] = np.minimum(far[rows] * factor[rows], limit[rows])
         at_far[rows] = excess(rows, far[rows])
     reach = np.where(at_near < 0, 0.0, far)  # `far` is the limit if the bound is high enough there
     unknown = np.isnan(at_near) | np.isnan(at_far)

@@ -602,17 +602,26 @@ def test_a_window_of_the_antenna_between_two_samples_is_found(tmp_path):
 
 def test_a_window_between_two_limits_is_found():
     """It is 0.4 km wide, between two samples 1 km apart."""
-    errors = {"a": {"position_m": 5, "constant": 0.01}}
-    content = swerling1(
-        50.6,
-        radar__max_range_km=51.0,
-        radar__constant=1,
-        uncertainty={"aircraft": {"position_m": 10, "attitude_deg": 0}, "radar": errors},
-        analysis={"level": "a"},
-    )
-    found = on_rays(parse_scenario(yaml_text(content)), 0.0, 90.0)
+
+    def with_errors(position_m):
+        errors = {"a": {"position_m": 5, "constant": 0.01}}
+        aircraft = {"position_m": position_m, "attitude_deg": 0}
+        content = swerling1(
+            50.6,
+            radar__max_range_km=51.0,
+            radar__constant=1,
+            uncertainty={"aircraft": aircraft, "radar": errors},
+            analysis={"level": "a"},
+        )
+        return on_rays(parse_scenario(yaml_text(content)), 0.0, 90.0)
+
+    found = with_errors(10)
     np.testing.assert_allclose(found.slant, 51e3, rtol=1e-8)
     np.testing.assert_allclose(51e3 - found.lower, 3 * math.hypot(10, 5), rtol=0.5)
+    # errors of many windows: by plain draws more than 0.36 % are in it from 70 km, 0.10 % from 86
+    wide = with_errors(2e4)
+    assert np.all((wide.upper > 70e3) & (wide.upper < 86e3))
+    assert wide.unreliable.all()
 
 
 def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
