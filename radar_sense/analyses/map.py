@@ -270,9 +270,9 @@ def _off_by_draws(cells: Grid, method: str, k: float) -> dict[str, str]:
     allowed = np.maximum(tolerance_of(true.upper), LEAST_CHANGE) + ERRORS * true.error
     excess = {"low": true.upper - shown, "high": shown - true.upper}
     return {
-        name: f"too {name} in {np.sum(by > allowed)} of {shown.size} by up to {np.nanmax(by):.2g}"
+        name: f"too {name} in {len(off)} of {shown.size} by up to {off.max():.2g}"
         for name, by in excess.items()
-        if np.any(by > allowed)
+        if (off := by[by > allowed]).size
     }
 
 

@@ -77,20 +77,12 @@ def required_accuracy(
     place = "at all poses" if at is None else f"at {axis.format(at)}"
     between = f" and at {poses.added} between them" if poses.added else ""
     start = f"for {goal} {place}{between}, "
-    whole_of = {name: source.part_of for name, source in sources_of(scenario).items()}
-    place_of = [*required].index
-    names = sorted(required, key=lambda name: place_of(whole_of.get(name) or name))
-    lines = [f"{start}sigma of one source (others unchanged) or of all must be:"]
-    lines += words.rows(
-        (
-            f"  {name.removeprefix(f'{whole}_')}" if (whole := whole_of.get(name)) else name,
-            in_words(required[name], axis),
-        )
-        for name in names
-    )
     if required["all"].residual_from == P_D_ITSELF:
         above = f"P_D itself is above at {axis.format(required['all'].place)}"
         lines = [f"{start}no better knowledge helps: {above}"]
+    else:
+        lines = [f"{start}sigma of one source (others unchanged) or of all must be:"]
+        lines += _rows(required, scenario, axis)
     numbers = {
         **({"three_sigma": limit} if k is None else {"p_max": limit, "k": k}),
         "poses": len(axis),
@@ -99,6 +91,20 @@ def required_accuracy(
         "required_accuracy": _by_source(required, axis),
     }
     return lines, {kind: numbers}
+
+
+def _rows(required: Mapping[str, RequiredAccuracy], scenario: Scenario, axis: Axis) -> list[str]:
+    """Return a line for each source, with those of its parts below it."""
+    whole_of = {name: source.part_of for name, source in sources_of(scenario).items()}
+    place_of = [*required].index
+    names = sorted(required, key=lambda name: place_of(whole_of.get(name) or name))
+    return words.rows(
+        (
+            f"  {name.removeprefix(f'{whole}_')}" if (whole := whole_of.get(name)) else name,
+            in_words(required[name], axis),
+        )
+        for name in names
+    )
 
 
 def _by_source(required: Mapping[str, RequiredAccuracy], axis: Axis) -> dict[str, dict[str, Any]]:

@@ -143,8 +143,8 @@ def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
 
     The bound is that without limits. The distance is 0 where errors do not.
     """
-    guess, far = first_guess(seen, value, k), np.full(len(seen.p_d), FARTHEST)
-    free = reach_of_bound(seen, *guess, far, quantile_above(value, method, k))
+    far, above = np.full(len(seen.p_d), FARTHEST), quantile_above(value, method, k)
+    free = reach_of_bound(seen, *first_guess(seen, value, k), far, above)
     samples = np.broadcast_to(seen.distance, seen.p_d.shape)
     sight = seen.all_rays.at(samples, limits=True).states().sight().reshape(samples.shape)
     seen_at = (sight != NEVER) & (samples <= np.nan_to_num(free, nan=FARTHEST)[:, np.newaxis])

@@ -244,7 +244,7 @@ def survey(all_rays: Rays) -> Survey:
 def _samples(all_rays: Rays) -> FloatArray:
     """Return the distances (k,) of the samples, ascending; one is between two limits of the range.
 
-    The height is the same on all rays, so the line of sight of one turns as that of another.
+    The line of sight turns alike on all rays, because the aircraft has one height on all of them.
     """
     first, (radar,) = all_rays.part(slice(0, 1)), all_rays.limited.radars
     distance = np.geomspace(NEAREST, FARTHEST, SAMPLES)
