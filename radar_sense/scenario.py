@@ -296,8 +296,9 @@ class Scenario:
         cov_radar = covariance.block_diagonal([r.covariance(self.level) for r in self.radars])
         bands, of_rcs = np.array(self.bands), component(RCS_ERROR, m)
         cov_radar[of_rcs, of_rcs] = np.outer(rcs_std, rcs_std) * np.equal.outer(bands, bands)
-        radar = np.broadcast_to(with_errors(self.radar, m), (len(self.axis), len(cov_radar)))
-        nominal, covariances = (geometry.aircraft, radar), (self.cov_aircraft, cov_radar)
+        poses = len(geometry.aircraft)
+        radar = np.broadcast_to(with_errors(self.radar, m), (poses, len(cov_radar)))
+        nominal, covariances = (geometry.aircraft, radar), (geometry.covariance_in_frame, cov_radar)
         states = UncertainStates(self.model, *nominal, *covariances, (), self.seed, self.runs)
         return states.with_covariances(*covariances, self.tolerances)
 

@@ -45,8 +45,9 @@ _HIGHEST = 1000.0
 #: Least count of the signal in a miss for which the miss is an integral in place of a sum. The
 #: integral agrees with the sum to 2e-11 of 1 − P_D there, and to 2e-8 with a single cell of CFAR.
 _FAR = 400.0
-#: Places on the path of the integral, in standard deviations. A Gaussian is below 1e-31 beyond.
-_PATH = np.arange(-12.0, 12.1, 0.25)
+#: Places on one half of the path of the integral, in standard deviations, at equal steps from 0. A
+#: Gaussian is below 1e-17 beyond. The other half has the complex conjugates.
+_PATH = np.arange(0.0, 9.1, 0.25)
 #: Mean of a signal from which ln(1 − P_D) is proportional to the mean.
 _LARGEST = 1e18
 #: Smallest P_fa of a look.
@@ -220,9 +221,10 @@ class PulseSum:
         else:
             log_saddle, noise = -b * np.log(t * r / j), -b * np.log1p(-j / b * np.expm1(w))
         terms = np.exp(k * np.expm1(-w) - n * w + noise) * (1.0 - 2j * bend * y)
+        terms[:, 1:] *= 2.0  # both halves
         total = (terms / (1.0 - np.exp(-w) / r)).real.sum(axis=1)
         log_saddle = log_saddle + m * (1.0 / r - 1.0) - n * np.log(r)
-        step = (_PATH[1] - _PATH[0]) / np.sqrt(variance[:, 0])
+        step = _PATH[1] / np.sqrt(variance[:, 0])
         log_tail = log_saddle[:, 0] + np.log(total * step / (2.0 * math.pi))
         return log_tail * (mean / m[:, 0]), terms.real.sum(axis=1) / total
 
