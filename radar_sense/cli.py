@@ -578,24 +578,34 @@ def _computing(
 
 @contextmanager
 def _progress_shown(name: str) -> Iterator[None]:
-    """Show the steps of a computation on one line of standard error, and clear it at the end."""
+    """Show the steps of a computation on one line of standard error, and clear it at the end.
+
+    Steps within a step, as of each value of a sweep, follow those that they are within.
+    """
+    from shutil import get_terminal_size
+
     from radar_sense.progress import listening
 
-    started = {"": time.monotonic()}
-    shown, width = started[""], 0
+    started = shown = time.monotonic()
+    width = 0
+    steps: dict[str, tuple[float, str]] = {}  # since when and how many, the outer ones first
 
     def show(what: str, done: int, total: int) -> None:
         nonlocal shown, width
-        now = time.monotonic()
-        begun = started.setdefault(what, now)
-        if now - started[""] < PATIENCE or now - shown < INTERVAL:
-            return
-        shown = now
+        now, names = time.monotonic(), list(steps)
+        for inner in names[names.index(what) + 1 :] if what in steps else ():
+            del steps[inner]
+        begun = steps[what][0] if what in steps else now
         left = (now - begun) * (total - done) / done if done else math.nan
         words = f", {left:.0f} s left" if left >= 1 else ""
-        text = f"{name}: {done:,} of {total:,} {what}{words}"
-        click.echo(f"\r{text:{width}}", nl=False, err=True)
-        width = len(text)
+        steps[what] = begun, f"{done:,} of {total:,} {what}{words}"
+        if now - started >= PATIENCE and now - shown >= INTERVAL:
+            text = f"{name}: {'; '.join(words for _, words in steps.values())}"
+            text = text[: get_terminal_size().columns - 1]  # a second line could not be cleared
+            click.echo(f"\r{text:{width}}", nl=False, err=True)
+            shown, width = now, len(text)
+        if done >= total:
+            del steps[what]
 
     try:
         with listening(show):

@@ -29,6 +29,7 @@ from radar_sense.coverage.rays import END, EVALUATIONS, FARTHEST, rays, survey
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.plausibility import height_of_option
+from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
@@ -126,10 +127,10 @@ def detection_range(
         name: survey(rays(single, np.deg2rad(angle_deg), **options))
         for name, single in singles.items()
     }
-    ranges = {
-        name: [range_at(seen, value, method, k) for value in values]
-        for name, seen in surveys.items()
-    }
+    ranges: dict[str, list[RangeAt]] = {}
+    for name, seen in surveys.items():
+        report("radars", len(ranges), len(surveys))
+        ranges[name] = [range_at(seen, value, method, k) for value in values]
 
     add_axis(result.table, axis)
     columns = [  # each range with the end of its names and the start of its meanings

@@ -18,6 +18,7 @@ from radar_sense.cost import RATE, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY
 from radar_sense.plausibility import plausibility_warnings
+from radar_sense.progress import report
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
@@ -78,7 +79,8 @@ def sweep(
     result = Result(scenario)
     highest, tests, found = [], [], []
     started = time.process_time()
-    for one, value in zip(scenarios, values, strict=True):
+    for done, (one, value) in enumerate(zip(scenarios, values, strict=True)):
+        report("values", done, len(values))
         moments = propagate_scenario(one, method=method, beta=k, p_max=threshold)
         pose = int(np.argmax(np.nan_to_num(moments.p_d, nan=-1.0)))
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
@@ -91,7 +93,7 @@ def sweep(
             *words.table_warnings(one),
         ):
             found.append((axis.format(value), text))
-        if len(highest) == 1:
+        if not done:
             # The first value tells: how many poses and draws a test takes is not known before.
             rest = (len(values) - 1) * (time.process_time() - started)
             what = "the values after the first, if they are like it,"

@@ -126,6 +126,7 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
         draws[rows] = count  # the verdict has these arrays
         rows = np.flatnonzero(verdict.undecided)
         report("poses", n - len(rows), n)
+    report("poses", n, n)
     return verdict
 
 

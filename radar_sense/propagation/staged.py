@@ -65,6 +65,7 @@ class StagedDraws:
             for draws in np.unique(more):
                 some = rows[more == draws]
                 drawn.put(some, self._at(some, int(draws)))
+        report("poses looked at by draws", k, k)
         return drawn
 
     def _first(self, rows: NDArray[np.intp]) -> Estimate:

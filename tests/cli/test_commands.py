@@ -380,6 +380,27 @@ def test_progress_says_how_many_and_how_long(standard_error, fake, monkeypatch):
     assert shown[-2].isspace()  # the line is cleared at the end
 
 
+def test_progress_shows_steps_within_a_step(standard_error, fake, monkeypatch):
+    now = 1000.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+
+    def three_values() -> None:
+        nonlocal now
+        for value in range(3):
+            report("values", value, 3)
+            for done in (0, 300, 600):
+                report("runs", done, 600)
+                now += 5.0
+            report("poses", 1, 2)
+
+    fake(three_values)
+    shown = [text.rstrip() for text in standard_error("fake", Terminal()).split("\r")]
+    assert "fake: 0 of 3 values; 300 of 600 runs, 5 s left" in shown
+    assert "fake: 0 of 3 values; 1 of 2 poses" in shown
+    assert "fake: 1 of 3 values, 30 s left" in shown
+    assert "fake: 1 of 3 values, 30 s left; 300 of 600 runs, 5 s left" in shown
+
+
 @pytest.mark.parametrize(
     ("command", "shown"),
     [
