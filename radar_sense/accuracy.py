@@ -48,7 +48,7 @@ SURE, PROOF = 5.0, 3.0
 #: Methods whose 3σ by draws may exceed the limit by `STD_CHANGE` of it, as elsewhere. That of other
 #: methods may exceed it by `NEAR` of it, the standard error of the draws.
 FIRST_ORDER = ("linear", "probit")
-#: `RequiredAccuracy.residual_from` where P_D at the nominal states exceeds the limit.
+#: `RequiredAccuracy.residual_from` where P_D at the nominal states is beyond the limit.
 P_D_ITSELF = "P_D itself"
 #: Factors are searched from a millionth to a million. A larger factor counts as infinite, and a
 #: smaller factor as 0.
@@ -57,7 +57,7 @@ LARGEST_LOG_FACTOR = float(np.log(1e6))
 
 @dataclass(frozen=True)
 class RequiredAccuracy:
-    """Accuracy of a source at which 3σ of P_D, or the upper bound of P_D, is within a limit.
+    """Accuracy of a source at which 3σ of P_D, or a bound of P_D, is within a limit.
 
     Attributes:
         factor: Largest factor on the standard deviations of the source. Below 1 the source has to
@@ -83,6 +83,7 @@ def required_accuracies(
     limit: float,
     *,
     k: float | None = None,
+    at_least: bool = False,
     method: str = "linear",
 ) -> dict[str, RequiredAccuracy]:
     """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
@@ -90,21 +91,22 @@ def required_accuracies(
     The search by the method assumes that the value grows with the source. Correlations and limits
     of a radar can violate this. Draws therefore judge every factor at the deviations that it leads
     to, and a factor above 1 also on the way there. Where they disagree, they find a smaller factor
-    that they are sure of. Where P_D itself is above the limit of its bound, no accuracy is enough.
+    that they are sure of. Where P_D itself is beyond the limit of its bound, no accuracy is enough.
 
-    The bound is the one at Φ(k), which is P_D + kσ by `linear`; without k the limit is one of 3σ.
+    The bound is the one at Φ(k), which is P_D + kσ by `linear`, or the one at Φ(−k) where P_D must
+    be at least the limit; without k the limit is one of 3σ.
     What is returned is the accuracy required of each source and of each part of a radar constant,
     and in a network of position, constant and further parameters of each radar that is enough
     alone. The other sources are unchanged. "all" scales all sources together.
     """
     every = sources_of(scenario)
     p_d = scenario.p_d()
-    if k is not None and np.any(p_d > limit):
-        pose = int(np.argmax(reached(p_d)))
+    if k is not None and np.any(p_d < limit if at_least else p_d > limit):
+        pose = int(np.argmax(reached(-p_d if at_least else p_d)))
         place = float(scenario.axis.values[pose])
         impossible = RequiredAccuracy(None, float(p_d[pose]), place, P_D_ITSELF)
         return dict.fromkeys((*sources_of(scenario, SOURCE, PART), "all"), impossible)
-    goal = _Goal(scenario, limit, k, method)
+    goal = _Goal(scenario, 1.0 - limit if at_least else limit, k, method, of_miss=at_least)
     by_name: dict[str, RequiredAccuracy] = {}
     for name, source in every.items():
         # a part of what is not enough alone is not enough
@@ -116,23 +118,28 @@ def required_accuracies(
 class _Goal:
     """A limit of 3σ of P_D, or of its upper bound, that is to be met at all poses.
 
+    That P_D is at least a limit is a limit of a miss, 1 − P_D, and all values are then of a miss.
+
     `names` are names of `sources_of`. A factor is one on their standard deviations.
     """
 
-    def __init__(self, scenario: Scenario, limit: float, k: float | None, method: str) -> None:
+    def __init__(
+        self, scenario: Scenario, limit: float, k: float | None, method: str, *, of_miss: bool
+    ) -> None:
         self.scenario, self.limit, self.k, self.method = scenario, limit, k, method
+        self.of_miss = of_miss
         self.budget_at = cache(
             lambda pose: error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
         )
         # 3σ of P_D, or its upper bound, at each pose, as a function of names and factor
         by = "form" if method == AUTOMATIC else method
-        self.values = self.critical_values = value_function(scenario, by, k)
+        self.values = self.critical_values = value_function(scenario, by, k, of_miss=of_miss)
         self.rows = cache(self._rows)
         # If poses are above the limit, the factor depends on these poses alone.
         above = ~(self.values((), 1.0) <= limit)
         if above.any():
             critical = scenario.at_poses(np.flatnonzero(above))
-            self.critical_values = value_function(critical, by, k)
+            self.critical_values = value_function(critical, by, k, of_miss=of_miss)
 
     def required(self, names: tuple[str, ...]) -> RequiredAccuracy:
         """Return the largest factor by the method, or by draws where they disagree."""
@@ -155,7 +162,7 @@ class _Goal:
                 known &= bool(residual >= self.limit - self._off and room > self._off)
         return RequiredAccuracy(
             factor=factor,
-            residual=float(residual),
+            residual=float(1.0 - residual if self.of_miss else residual),
             place=float(self.scenario.axis.values[pose]),
             residual_from=self._largest_other(names, pose),
             known=known,
@@ -289,15 +296,19 @@ class _Goal:
         most = limit if self.k is None else float(ndtr(-self.k))
 
         def compared(found: Estimate) -> tuple[FloatArray, FloatArray]:
-            values, errors = self._value(found) if self.k is None else found.above
-            return values - most, errors
+            if self.k is None:
+                values, errors = self._value(found)
+                return values - most, errors
+            above, errors = found.above
+            return (1.0 - above if self.of_miss else above) - most, errors
 
         def settled(_: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
             excess, errors = compared(found)
             return np.asarray((abs(excess) >= SURE * errors) | np.any(excess > SURE * errors))
 
         changed = scaled(self.scenario, names, factor).at(rows)
-        staged = StagedDraws(changed, self.k or 3.0, np.nan if self.k is None else limit)
+        p_max = 1.0 - limit if self.of_miss else limit
+        staged = StagedDraws(changed, self.k or 3.0, np.nan if self.k is None else p_max)
         return compared(staged.until(settled, draws))
 
     def _rows(self, names: tuple[str, ...], factor: float) -> NDArray[np.intp]:
@@ -319,9 +330,11 @@ class _Goal:
 
     def _value(self, found: Estimate) -> tuple[FloatArray, FloatArray]:
         """Return 3σ of P_D, or its upper bound, by draws (k,), and the standard error."""
-        (_, std), (_, std_error) = found.moments
-        (_, upper), (_, upper_error) = found.bounds
-        return (3.0 * std, 3.0 * std_error) if self.k is None else (upper, upper_error)
+        if self.k is None:
+            (_, std), (_, error) = found.moments
+            return 3.0 * std, 3.0 * error
+        (lower, upper), (lower_error, upper_error) = found.bounds
+        return (1.0 - lower, lower_error) if self.of_miss else (upper, upper_error)
 
     @property
     def _off(self) -> float:

@@ -106,10 +106,10 @@ MAP_KM = Limit(at_least=-1e5, at_most=1e5)
 MAP_STEP_KM = Limit(at_least=1e-6, at_most=1e5)
 #: 3σ of P_D: the standard deviation of a probability is 0.5 at most.
 TARGET = Limit(above=0, at_most=1.5)
-#: P_max of a threshold test, and its number of σ.
-THRESHOLD = Limit(above=0, at_most=1)
+#: P_max and P_min of a threshold test, and its number of σ.
+THRESHOLD, P_MIN = Limit(above=0, at_most=1), Limit(above=0, below=1)
 SIGMAS = Limit(above=0, at_most=10)
-#: P(P_D > P_max) in place of a number of σ.
+#: The probability of P_D beyond P_max or P_min in place of a number of σ.
 ABOVE = Limit(at_least=1e-20, below=0.5)
 #: m and n of m-of-n, limited by the 2^(n − 1) histories of `mission.tracks`.
 WINDOW = Limit(at_least=1, at_most=12, whole=True)

@@ -298,18 +298,20 @@ def sources_of(scenario: Scenario, *kinds: str) -> dict[str, Source]:
 
 
 def value_function(
-    scenario: Scenario, method: str, k: float | None = None
+    scenario: Scenario, method: str, k: float | None = None, *, of_miss: bool = False
 ) -> Callable[[Collection[str], float], FloatArray]:
     """Return a function of names of sources and of a factor on the σ of these sources.
 
-    The value (n,) of the function is the upper bound of P_D at Φ(k), or 3σ of P_D if k is None. The
-    names are names of `sources_of`.
+    The value (n,) of the function is the upper bound of P_D at Φ(k), or of a miss, 1 − P_D; or 3σ
+    of P_D if k is None. The names are names of `sources_of`.
     """
     whole = distribution(scenario, method)
 
     def value(names: Collection[str], factor: float) -> FloatArray:
         changed = whole.with_covariances(scaled(scenario, names, factor))
-        return 3.0 * changed.std if k is None else changed.quantile(k)
+        if k is None:
+            return 3.0 * changed.std
+        return 1.0 - changed.quantile(-k) if of_miss else changed.quantile(k)
 
     return value
 

@@ -21,6 +21,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.flight import CERTAIN
 from radar_sense.limits import MIN_RANGE
 from radar_sense.model.geometry import body_vector, join, slant_range
@@ -40,7 +41,7 @@ LEAST_STEP = 1e-3
 #: Most poses between the rows of a flight.
 MAX_POSES = 20_000
 #: P_D and its bound may differ from straight lines between poses by the smaller of
-#: RELATIVE_TOLERANCE · limit and TOLERANCE, and by DISTANT of their distance below the limit.
+#: RELATIVE_TOLERANCE · the largest margin and TOLERANCE, and by DISTANT of their margin.
 RELATIVE_TOLERANCE, TOLERANCE, DISTANT = 0.01, 0.002, 0.25
 #: Decimals of the places of closest points and crossings, and a unit of the last one.
 DECIMALS = 6
@@ -79,18 +80,18 @@ class Refined:
 def resolve(
     scenario: Scenario,
     propagate: Callable[[Scenario], Band],
-    limit: float,
+    requirement: Requirement,
     band: Band | None = None,
 ) -> Refined:
-    """Return a scenario with poses added to compare P_D and its bound with a limit.
+    """Return a scenario with poses added to compare P_D and its bound with what is required.
 
     Without a flight it is returned unchanged.
     """
     band = band or propagate(scenario)
     if not scenario.geometry.continuous:
         return Refined(scenario, band, np.arange(len(band.p_d)), True, None)
-    tolerance = min(TOLERANCE, RELATIVE_TOLERANCE * limit)
-    return refined(scenario, band, propagate, tolerance, limit)
+    tolerance = min(TOLERANCE, RELATIVE_TOLERANCE * requirement.room)
+    return refined(scenario, band, propagate, tolerance, requirement)
 
 
 def unresolved() -> str:
@@ -103,28 +104,29 @@ def refined(
     band: Band,
     propagate: Callable[[Scenario], Band],
     tolerance: float,
-    limit: float = 0.0,
+    requirement: Requirement,
 ) -> Refined:
-    """Return a scenario with poses added until P_D and its upper bound are linear between poses.
+    """Return a scenario with poses added until P_D and its bound are linear between poses.
 
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
-    tolerance of straight lines, which grows with the distance below the limit. Second differences
+    tolerance of straight lines, which grows with the margin to the limit. Second differences
     estimate the distance from the lines. Two standard errors of a bound are no bend. P_D is not
     resolved if this takes more than `MAX_POSES` poses. If the places alone are more, only the place
-    with the greatest P_D is added.
+    with the least margin of P_D is added.
     """
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
     order, most = -1 if given[0] > given[-1] else 1, len(given) + MAX_POSES
 
     def bent(values: FloatArray, noise: FloatArray | float = 0.0) -> NDArray[np.bool_]:
-        below = limit - np.fmax(values[1:], values[:-1])
-        return _bend(place, values) > np.fmax(tolerance, DISTANT * below) + noise
+        margin = requirement.margin(values)
+        within = np.fmin(margin[1:], margin[:-1])
+        return _bend(place, values) > np.fmax(tolerance, DISTANT * within) + noise
 
     place, new = given, np.setdiff1d(places(scenario), given)[::order]
     resolved = len(place) + len(new) < most
     if not resolved:
-        p_d = along(_nominal(scenario), new).p_d()
-        new = new[[np.nan_to_num(p_d, nan=-1.0).argmax()]]  # on top of a radar it is NaN
+        margin = requirement.margin(along(_nominal(scenario), new).p_d())
+        new = new[[np.nan_to_num(margin, nan=np.inf).argmin()]]  # on top of a radar it is NaN
     while True:
         if new.size:
             place = np.concatenate([place, new])
@@ -132,7 +134,7 @@ def refined(
             band = Band.join([band, propagate(along(scenario, new))]).at(ranked)
             place = place[ranked]
         noise = 2.0 * np.maximum(band.error[1:], band.error[:-1])
-        bends = bent(band.p_d) | bent(band.upper, noise)
+        bends = bent(band.p_d) | bent(requirement.bound(band), noise)
         new = _middles(place)[bends & (abs(np.diff(place)) > shortest)]
         resolved &= len(place) + len(new) < most
         if not (resolved and new.size):

@@ -1,16 +1,18 @@
-"""The threshold test of path planning: does P_D, with its uncertainty, stay below a threshold?
+"""The threshold test of path planning: does P_D, with its uncertainty, stay within a limit?
 
 A path is accepted where P_D + kσ ≤ P_max at every pose (A. Costley, G. Droge, R. Christensen,
 R. C. Leishman and J. Swedeen, "Path planning with uncertainty for aircraft under threat of
 detection from ground-based radar", 2022). The linear bound P_D + kσ can exceed 1. The quantile of
-P_D at Φ(k) is a bound for any distribution.
+P_D at Φ(k) is a bound for any distribution. Whoever is to detect asks for P_D − kσ ≥ P_min, which
+is the same test of a miss: 1 − P_D + kσ ≤ 1 − P_min.
 
 "Holds" rests on two legs at every pose:
 
-- draws with emphasis on the tails find P(P_D > P_max) below 1 − Φ(k), by so many standard errors
-  that chance makes a false "holds" with a probability of `CHANCE` at most;
-- plain runs of the whole path exceed P_max no more often than these draws predict. They are so many
-  that a tail of 1 − Φ(k) which the draws had missed would show with a probability of 1 − `CHANCE`.
+- draws with emphasis on the tails find the probability of P_D beyond the limit below 1 − Φ(k), by
+  so many standard errors that chance makes a false "holds" with a probability of `CHANCE` at most;
+- plain runs of the whole path are beyond the limit no more often than these draws predict. They are
+  so many that a tail of 1 − Φ(k) which the draws had missed would show with a probability of
+  1 − `CHANCE`.
 
 A path with a violated pose is said to hold only if this pose is said to hold. The probability of a
 false "holds" of a path is therefore that of one pose. A path is said to violate the test if any
@@ -22,15 +24,16 @@ A path is also tested between its rows. What the draws do not decide is not know
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri, pdtrc
+from scipy.special import ndtri, pdtrc
 
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.frames import attitude_off
-from radar_sense.montecarlo.exceedance import Exceedance, exceedance, share_above
+from radar_sense.acceptance.requirement import Requirement
+from radar_sense.montecarlo.exceedance import Exceedance, exceedance, share_beyond
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, Band, band_of_scenario
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.staged import LADDER, LAST, StagedDraws
@@ -48,30 +51,30 @@ ALIKE = 6
 
 @dataclass(frozen=True, eq=False)
 class ThresholdTest:
-    """The threshold test of an upper bound of P_D, pose by pose.
+    """The threshold test of a bound of P_D, pose by pose.
 
     Attributes:
-        p_max: P_max.
-        upper: The bound (n,), NaN without a bound.
-        violated: Where P_max is exceeded (n,).
+        requirement: What is required of P_D.
+        bound: The bound on the side of the limit (n,), NaN without a bound.
+        violated: Where the bound is beyond the limit (n,).
         unknown: Where the test has no answer (n,).
         coordinate: Time [s] of each pose (n,), azimuth [deg] on an orbit or range [km], in order.
     """
 
-    p_max: float
-    upper: FloatArray
+    requirement: Requirement
+    bound: FloatArray
     violated: NDArray[np.bool_]
     unknown: NDArray[np.bool_]
     coordinate: FloatArray
 
     @property
-    def above(self) -> float:
-        """Length of the path with the bound above P_max, in the unit of the coordinate.
+    def beyond(self) -> float:
+        """Length of the path with the bound beyond the limit, in the unit of the coordinate.
 
         The bound is taken to be linear between poses. Steps to and from a pose without a bound are
         counted.
         """
-        return math.fsum(abs(np.diff(self.coordinate)) * share_above(self.margin))
+        return math.fsum(abs(np.diff(self.coordinate)) * share_beyond(self.margin))
 
     @property
     def total(self) -> float:
@@ -80,8 +83,8 @@ class ThresholdTest:
 
     @property
     def margin(self) -> FloatArray:
-        """P_max minus the bound (n,): negative above P_max, NaN without a bound."""
-        return self.p_max - self.upper
+        """How far the bound is within the limit (n,), negative beyond it, NaN without a bound."""
+        return self.requirement.margin(self.bound)
 
     @property
     def verdict(self) -> str:
@@ -104,53 +107,53 @@ class ThresholdTest:
         return None
 
     @property
-    def first_above(self) -> float:
-        """Where the bound is first above P_max: 2.5 is the middle of poses 2 and 3, NaN is nowhere.
+    def first_beyond(self) -> float:
+        """Where the bound is first beyond the limit: 2.5 is the middle of poses 2 and 3.
 
-        The bound is taken to be linear between poses. A pose without a bound is above.
+        NaN is nowhere. The bound is taken to be linear between poses. A pose without a bound is
+        beyond.
         """
-        above = ~(self.margin >= 0)
-        if not above.any():
+        beyond = ~(self.margin >= 0)
+        if not beyond.any():
             return np.nan
-        pose = int(np.argmax(above))
+        pose = int(np.argmax(beyond))
         before = pose > 0 and np.isfinite(self.margin[pose])
-        return pose - float(share_above(self.margin[pose - 1 : pose + 1])[0] if before else 0.0)
+        return pose - float(share_beyond(self.margin[pose - 1 : pose + 1])[0] if before else 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What draws say of P(P_D > p_max) ≤ 1 − Φ(k) at each of n poses.
+    """What draws say at each of n poses of the probability of P_D beyond a limit.
 
     Attributes:
         holds: Where both legs say that it holds (n,).
         violated: Where the draws say that it does not (n,).
-        upper: Upper bound of P_D by the draws (n,).
+        bound: Bound of P_D by the draws, on the side of the limit (n,).
         runs: The runs of the path.
         wanted: Number of runs that "holds" needs.
     """
 
     holds: NDArray[np.bool_]
     violated: NDArray[np.bool_]
-    upper: FloatArray
+    bound: FloatArray
     runs: Exceedance
     wanted: int
 
 
 def decide(
     scenario: Scenario,
-    p_max: float,
-    k: float,
+    requirement: Requirement,
     first: Estimate | None = None,
     rows: NDArray[np.intp] | None = None,
 ) -> Decision:
-    """Return what draws say of P(P_D > p_max) ≤ 1 − Φ(k) at each pose of a path, or at some rows.
+    """Return what draws say of a requirement at each pose of a path, or at some rows.
 
     The chance of a false decision counts every stage of draws that there may be at a pose. It is
     therefore the same where the first stages are skipped, because their draws are given.
     """
-    tail, poses = float(ndtr(-k)), len(scenario.aircraft)
+    tail, poses = requirement.tail, len(scenario.aircraft)
     wanted = math.ceil(math.log(CHANCE) / math.log1p(-tail))
-    runs = exceedance(scenario, p_max, wanted)
+    runs = exceedance(scenario, requirement.margin, wanted)
     every = np.arange(poses)
     chance = CHANCE / len(LADDER)  # of every stage
     to_hold, to_violate = ndtri(1.0 - chance), ndtri(1.0 - chance / poses)
@@ -159,17 +162,19 @@ def decide(
         some: NDArray[np.intp], found: Estimate
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return where the test holds and where it is violated."""
-        above, error = found.above
-        below = tail - above
-        # as many runs or more exceed the limit with this probability, if the draws are right
-        counts, most = runs.counts[some], runs.runs * (above + 3.0 * error)
+        beyond, error = requirement.beyond(found)
+        below = tail - beyond
+        # as many runs or more are beyond the limit with this probability, if the draws are right
+        counts, most = runs.counts[some], runs.runs * (beyond + 3.0 * error)
         consistent = (counts == 0) | (pdtrc(counts - 1.0, most) > ALARM)
         return (to_hold * error <= below) & consistent, to_violate * error < -below
 
-    staged = StagedDraws(scenario.states(), k, p_max, first)
+    staged = StagedDraws(scenario.states(), requirement.k, requirement.limit, first)
     drawn = staged.until(lambda some, found: np.logical_or(*decided(some, found)), LAST, rows)
     holds, violated = decided(every, drawn)
-    return Decision(holds & (runs.runs >= wanted), violated, drawn.bounds[0][1], runs, wanted)
+    lower, upper = drawn.bounds[0]
+    bound = lower if requirement.at_least else upper
+    return Decision(holds & (runs.runs >= wanted), violated, bound, runs, wanted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,42 +196,49 @@ class PathTest:
     far: NDArray[np.bool_]
 
     @property
+    def band(self) -> Band:
+        """The band of P_D (n,), with the bound that is tested."""
+        band, bound = self.path.band, self.test.bound
+        if self.test.requirement.at_least:
+            return replace(band, lower=bound)
+        return replace(band, upper=bound)
+
+    @property
     def worst(self) -> int:
-        """A pose without a bound, or with the least margin; of several the one of largest P_D."""
+        """A pose without a bound, or with the least margin; of several that of the least of P_D."""
         margin = np.nan_to_num(np.round(self.test.margin, ALIKE), nan=-np.inf)
-        return int(np.lexsort((-self.path.band.p_d, margin))[0])
+        return int(np.lexsort((self.test.requirement.margin(self.path.band.p_d), margin))[0])
 
 
-def path_test(
-    scenario: Scenario, method: str, p_max: float, k: float, band: Band, nominal: bool
-) -> PathTest:
-    """Test P_D + kσ ≤ P_max at every pose of a scenario, and on a path also between the poses.
+def path_test(scenario: Scenario, method: str, requirement: Requirement, band: Band) -> PathTest:
+    """Test a requirement at every pose of a scenario, and on a path also between the poses.
 
-    The band is by the method, with bounds at Φ(k), and with p_max so that no draws are made twice.
-    P_D of the nominal states must be at most P_max too if it is part of the test, as it is of
-    P_D + kσ. It is no part of a test of P(P_D > P_max).
+    The band is by the method, with bounds at Φ(±k), and with the limit so that no draws are made
+    twice. P_D of the nominal states must be within the limit too if it is part of the test, as it
+    is of P_D + kσ. It is no part of a test of a probability.
     """
 
     def propagate(path_scenario: Scenario) -> Band:
-        return band_of_scenario(path_scenario, method=method, beta=k, p_max=p_max)
+        k, limit = requirement.k, requirement.limit
+        return band_of_scenario(path_scenario, method=method, beta=k, p_max=limit)
 
-    path = refinement.resolve(scenario, propagate, p_max, band)
-    certain = (path.band.p_d > p_max) & nominal
-    # Draws change no verdict where P_D itself is above, but they may be the bound of `automatic`.
+    path = refinement.resolve(scenario, propagate, requirement, band)
+    certain = (requirement.margin(path.band.p_d) < 0) & (requirement.probability is None)
+    # Draws change no verdict where P_D itself is beyond, but they may be the bound of `automatic`.
     rows = None if method == AUTOMATIC else np.flatnonzero(~certain)
-    decision = decide(path.scenario, p_max, k, path.band.drawn, rows)
-    upper, by_draws = path.band.upper.copy(), path.band.error > 0
+    decision = decide(path.scenario, requirement, path.band.drawn, rows)
+    bound, by_draws = requirement.bound(path.band).copy(), path.band.error > 0
+    beyond = requirement.margin(bound) < 0
     if method == AUTOMATIC:
         # FORM may be on the other side of the limit within its tolerance
-        sides = (decision.holds & (upper > p_max)) | (decision.violated & ~(upper > p_max))
-        upper[sides], by_draws = decision.upper[sides], by_draws | sides
+        sides = (decision.holds & beyond) | (decision.violated & ~beyond)
+        bound[sides], by_draws = decision.bound[sides], by_draws | sides
         violated, unknown = decision.violated, ~(decision.holds | decision.violated)
     else:
-        exceeds = upper > p_max
-        violated, unknown = exceeds & decision.violated, ~exceeds & ~decision.holds
-        unknown |= (exceeds & ~decision.violated) | np.isnan(upper)
+        violated, unknown = beyond & decision.violated, ~beyond & ~decision.holds
+        unknown |= (beyond & ~decision.violated) | np.isnan(bound)
     far = attitude_off(path.scenario) > BOUND_CHANGE
     violated, unknown = (violated & ~far) | certain, unknown | far | (not path.resolved)
     place = path.scenario.geometry.coordinate
-    test = ThresholdTest(p_max, upper, violated, unknown & ~violated, place)
+    test = ThresholdTest(requirement, bound, violated, unknown & ~violated, place)
     return PathTest(path, test, decision, by_draws, far)

@@ -43,6 +43,7 @@ VISIBLE, MANY = 0.01, 6
         "radar-sense budget my.yaml --level low --no-plot",
         "radar-sense budget my.yaml --target 0.05",
         "radar-sense budget my.yaml --threshold 0.8",
+        "radar-sense budget my.yaml --at-least 0.2",
         "radar-sense budget my.yaml --method montecarlo --runs 4096",
         "radar-sense budget network.yaml --radar ridge",
     ),
@@ -52,6 +53,7 @@ def budget(
     *,
     target: float | None = None,
     threshold: float | None = None,
+    at_least: float | None = None,
     k: float | None = None,
     probability: float | None = None,
     at: float | None = None,
@@ -64,7 +66,7 @@ def budget(
         InputError: If there is no such pose, or options do not go together.
     """
     axis, method, result = scenario.axis, scenario.method, Result(scenario)
-    needed, numbers = required_accuracy(scenario, target, threshold, k, probability, at)
+    needed, numbers = required_accuracy(scenario, target, threshold, at_least, k, probability, at)
     result.report += needed
     found = error_budget(scenario, method)
     sources, parts, finer = (kind.values() for kind in (found.sources, found.parts, found.finer))
@@ -93,7 +95,7 @@ def budget(
     if words.probability(at_pose) == "0" and not off.any():
         known = "P_D is certain" if at_pose == 0 else "3 sigma of P_D is below 1e-6"
         result.report += [f"nothing to measure: {known}"]
-    elif at_pose > 0 and threshold is None:  # what a threshold needs is in its own rows
+    elif at_pose > 0 and "threshold" not in numbers:  # what a threshold needs is in its own rows
         result.report += _know_first(scenario, found)
     chosen = words.level_and_method(scenario)
     result.report += [f"3 sigma of P_D ({chosen}) at {axis.at(pose)}, and share of its variance:"]

@@ -18,7 +18,7 @@ from radar_sense.analyses.map import coverage_map
 from radar_sense.analyses.mission import mission
 from radar_sense.analyses.range import detection_range
 from radar_sense.analyses.variance import variance
-from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K
+from radar_sense.analyses.verdict import AT_LEAST, PROBABILITY, THRESHOLD, K
 from radar_sense.command import (
     LEVEL,
     METHOD,
@@ -67,6 +67,7 @@ class Report(Result):
     ONE_RADAR,
     METHOD,
     THRESHOLD,
+    AT_LEAST,
     K,
     PROBABILITY,
     SEED_OF_DRAWS,
@@ -83,6 +84,7 @@ def report(
     scenario: Scenario,
     *,
     threshold: float | None = None,
+    at_least: float | None = None,
     k: float | None = None,
     probability: float | None = None,
     workers: int = 1,
@@ -97,7 +99,8 @@ def report(
     Raises:
         InputError: If an option is not allowed.
     """
-    test = {"threshold": threshold, "k": k, "probability": probability}
+    limits = {"threshold": threshold, "at_least": at_least}
+    test = {**limits, "k": k, "probability": probability}
     at_k: dict[str, Any] = {} if k is None else {"k": k}
     compared = scenario.at_poses(compared_poses(scenario))
     few, all_poses = len(compared.axis), len(scenario.axis)
@@ -109,7 +112,7 @@ def report(
             budget,
             "Where does the uncertainty come from, and what should be measured better first?",
             scenario,
-            {} if threshold is None else test,
+            test if threshold or at_least else {},
         ),
         (compare, f"How far can each method be trusted here?{sample}", compared, at_k),
         (mission, "Will the flight have been detected?", scenario, {"workers": workers}),

@@ -11,8 +11,9 @@ import numpy as np
 
 from radar_sense import words
 from radar_sense.acceptance import refinement
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.accuracy import P_D_ITSELF, RequiredAccuracy, only_at, required_accuracies
-from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, sigmas
+from radar_sense.analyses.verdict import AT_LEAST, PROBABILITY, THRESHOLD, K, condition, requirement
 from radar_sense.axis import Axis
 from radar_sense.command import Option
 from radar_sense.errors import InputError
@@ -24,11 +25,12 @@ from radar_sense.sources import sources_of
 OPTIONS = (
     Option("target", "Also the accuracy at which 3 sigma is X.", TARGET, metavar="X"),
     dataclasses.replace(THRESHOLD, help="Also the accuracy at which P_D + K sigma is P_MAX."),
-    dataclasses.replace(K, help="Number of sigma of --threshold."),
+    dataclasses.replace(AT_LEAST, help="Also the accuracy at which P_D - K sigma is P_MIN."),
+    dataclasses.replace(K, help="Number of sigma of --threshold or --at-least."),
     PROBABILITY,
     Option(
         "at",
-        "The only pose for --target or --threshold: azimuth [deg], time [s] or distance [m].",
+        "The only pose for these limits: azimuth [deg], time [s] or distance [m].",
         ANY,
         metavar="X",
         default_text="all",
@@ -40,6 +42,7 @@ def required_accuracy(
     scenario: Scenario,
     target: float | None,
     threshold: float | None,
+    at_least: float | None,
     k: float | None,
     probability: float | None,
     at: float | None,
@@ -51,40 +54,45 @@ def required_accuracy(
     Raises:
         InputError: If options do not go together, or there is no such pose.
     """
-    method, k = scenario.method, sigmas(threshold, k, probability)
-    kind, limit = ("target", target) if threshold is None else ("threshold", threshold)
-    if target is not None and threshold is not None:
-        raise InputError("'target' and 'threshold' exclude each other; give one of them")
+    method, asked = scenario.method, requirement(threshold, k, probability, at_least)
+    kind, limit = ("target", target) if asked is None else ("threshold", asked.limit)
+    if target is not None and asked is not None:
+        other = "threshold" if at_least is None else "at_least"
+        raise InputError(f"'target' and '{other}' exclude each other; give one of them")
     if limit is None and at is not None:
-        raise InputError("'at' needs 'target' or 'threshold'")
-    if threshold is None and k is not None:
-        raise InputError("'k' needs 'threshold'")
+        raise InputError("'at' needs 'target', 'threshold' or 'at_least'")
+    if asked is None and k is not None:
+        raise InputError("'k' needs 'threshold' or 'at_least'")
     if limit is None:
         return [], {}
     if method == MONTE_CARLO:
         others = ", ".join(m for m in METHODS if m != MONTE_CARLO)
-        raise InputError(f"'{kind}' needs one of the methods {others}")
-    k = None if threshold is None else k or 3.0
+        what = kind if at_least is None else "at_least"
+        raise InputError(f"'{what}' needs one of the methods {others}")
+    k = None if asked is None else asked.k
     chosen = scenario if at is None else only_at(scenario, at)
     propagate = partial(band_of_scenario, method=method, beta=k or 3.0)
-    poses = refinement.resolve(chosen, propagate, limit)
+    poses = refinement.resolve(chosen, propagate, asked or Requirement(limit))
     if not poses.resolved:
         raise InputError(f"{refinement.unresolved()}, or one pose with 'at'")
     axis = poses.scenario.axis
-    required = required_accuracies(poses.scenario, limit, k=k, method=method)
+    required = required_accuracies(
+        poses.scenario, limit, k=k, at_least=at_least is not None, method=method
+    )
 
-    goal = f"3 sigma <= {limit:g}" if k is None else condition(limit, k, probability)
+    goal = f"3 sigma <= {limit:g}" if asked is None else condition(asked)
     place = "at all poses" if at is None else f"at {axis.format(at)}"
     between = f" and at {poses.added} between them" if poses.added else ""
     start = f"for {goal} {place}{between}, "
     if required["all"].residual_from == P_D_ITSELF:
-        above = f"P_D itself is above at {axis.format(required['all'].place)}"
-        lines = [f"{start}no better knowledge helps: {above}"]
+        side = "above" if at_least is None else "below"
+        itself = f"P_D itself is {side} at {axis.format(required['all'].place)}"
+        lines = [f"{start}no better knowledge helps: {itself}"]
     else:
         lines = [f"{start}sigma of one source (others unchanged) or of all must be:"]
         lines += _rows(required, scenario, axis)
     numbers = {
-        **({"three_sigma": limit} if k is None else {"p_max": limit, "k": k}),
+        **({"three_sigma": limit} if asked is None else asked.numbers),
         "poses": len(axis),
         "poses_between_rows": poses.added,
         f"at_{axis.unit}": at,

@@ -11,7 +11,15 @@ import numpy as np
 from radar_sense import words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import PathTest, path_test
-from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, sigmas, worst_band
+from radar_sense.analyses.verdict import (
+    PROBABILITY,
+    THRESHOLD,
+    K,
+    beyond_in_words,
+    condition,
+    requirement,
+    worst_band,
+)
 from radar_sense.axis import Axis, steps
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Option, Result, command
 from radar_sense.cost import RATE, foresee
@@ -70,7 +78,8 @@ def sweep(
         values = steps(start, stop, step, MAX_VALUES)
     except InputError as error:
         raise InputError(f"step {error}") from error
-    k, method = sigmas(threshold, k, probability) or 3.0, scenario.method
+    required, method = requirement(threshold, k, probability), scenario.method
+    k = k or 3.0 if required is None else required.k
     column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
     axis = Axis(column, key, ascii_unit(key), values, ".12g", 0.0, "values", f"Value of {key}.")
     # all values are read before any is computed
@@ -85,8 +94,8 @@ def sweep(
         pose = int(np.argmax(np.nan_to_num(moments.p_d, nan=-1.0)))
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
         highest.append((*ends, np.max(moments.upper), 3.0 * np.max(moments.std)))
-        if threshold is not None:
-            tests.append(path_test(one, method, threshold, k, moments, probability is None))
+        if required is not None:
+            tests.append(path_test(one, method, required, moments))
         for text in (
             *plausibility_warnings(one),
             *words.validity_warnings(one, moments, k),
@@ -100,7 +109,7 @@ def sweep(
             foresee(what, rest * RATE, less="fewer values")
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
     if tests:  # also between the rows of a path
-        bound = np.array([tested.test.upper[tested.worst] for tested in tests])
+        bound = np.array([tested.test.bound[tested.worst] for tested in tests])
 
     # the column of an entry of a list ends with the number of the entry, and not with the unit
     result.table.add(column, values, axis.meaning, unit_name(key))
@@ -114,8 +123,8 @@ def sweep(
         result.table.add(name, numbers, meaning)
     result.summary["largest_three_sigma"] = words.peak(three_sigma, axis)
     bands = [words.describe_band(*ends[:3], k) for ends in highest]
-    if threshold is not None:
-        bands = _add_tests(result, axis, condition(threshold, k, probability), k, tests)
+    if tests:
+        bands = _add_tests(result, axis, tests)
     else:
         low, high = words.trough(p_d, axis), words.peak(p_d, axis)
         result.summary |= {"lowest_p_d": low, "highest_p_d": high}
@@ -129,10 +138,9 @@ def sweep(
     return result
 
 
-def _add_tests(
-    result: Result, axis: Axis, tested_for: str, k: float, tests: list[PathTest]
-) -> list[str]:
+def _add_tests(result: Result, axis: Axis, tests: list[PathTest]) -> list[str]:
     """Add the verdicts, and return the lines of the values: P_D at the worst pose, and verdict."""
+    required = tests[0].test.requirement
     verdicts = np.array([tested.test.verdict for tested in tests])
     holds, violated = verdicts == "holds", verdicts == "violated"
     runs = [tested.decision.runs for tested in tests]
@@ -150,11 +158,10 @@ def _add_tests(
     places = words.places(
         {"holds": holds, "VIOLATED": violated, "NOT KNOWN": ~holds & ~violated}, axis
     )
-    result.report += [f"{tested_for} by {axis.name}:"]
+    result.report += [f"{condition(required)} by {axis.name}:"]
     result.report += [f"{verdict} {place}" for verdict, place in places.items()]
     result.summary["threshold"] = {
-        "p_max": tests[0].test.p_max,
-        "k": k,
+        **required.numbers,
         **{
             name: axis.values[mask].tolist()
             for name, mask in {"holds": holds, "violated": violated}.items()
@@ -170,11 +177,11 @@ def _add_tests(
             if above.counts.max()
             else f"in none of {above.runs:,} runs"
         )
-        chance = f"P(P_D > {tested.test.p_max:g}) {shown}"
+        chance = f"{beyond_in_words(required)} {shown}"
         if not tested.path.resolved:
             chance = refinement.unresolved()
         worst = tested.path.scenario.axis.at(tested.worst)
-        lines.append(f"{worst_band(tested, k)} at {worst}, {chance}  {tested.test.verdict}")
+        lines.append(f"{worst_band(tested)} at {worst}, {chance}  {tested.test.verdict}")
     return lines
 
 

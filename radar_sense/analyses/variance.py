@@ -10,7 +10,7 @@ import numpy as np
 
 from radar_sense import words
 from radar_sense.acceptance.threshold import PathTest
-from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, require_threshold, sigmas
+from radar_sense.analyses.verdict import AT_LEAST, PROBABILITY, THRESHOLD, K, require, requirement
 from radar_sense.axis import reached
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Result, Table, command
 from radar_sense.flight import Radial
@@ -26,6 +26,7 @@ from radar_sense.states import POSITION, FloatArray
     ONE_RADAR,
     METHOD,
     THRESHOLD,
+    AT_LEAST,
     K,
     PROBABILITY,
     examples=(
@@ -33,6 +34,7 @@ from radar_sense.states import POSITION, FloatArray
         "radar-sense variance my.yaml --level high --method form",
         "radar-sense variance my.yaml --threshold 0.1 --k 2",
         "radar-sense variance my.yaml --threshold 0.1 --probability 0.01",
+        "radar-sense variance my.yaml --at-least 0.9",
         "radar-sense variance network.yaml --radar ridge",
     ),
 )
@@ -40,23 +42,26 @@ def variance(
     scenario: Scenario,
     *,
     threshold: float | None = None,
+    at_least: float | None = None,
     k: float | None = None,
     probability: float | None = None,
 ) -> Result:
     """P_D and its band along the geometry.
 
-    A threshold adds the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX). Exit
-    code 3 means that the test is violated or not known.
+    A threshold adds the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX). For
+    radars that are to detect, --at-least adds P_D - K sigma >= P_MIN. Exit code 3 means that the
+    test is violated or not known.
 
     Raises:
         InputError: If an option is not allowed.
     """
     axis, method, result = scenario.axis, scenario.method, Result(scenario)
-    k = sigmas(threshold, k, probability) or 3.0
-    moments = propagate_scenario(scenario, method=method, p_max=threshold if k == 3 else None)
+    required = requirement(threshold, k, probability, at_least)
+    k, limit = (k or 3.0, None) if required is None else (required.k, required.limit)
+    moments = propagate_scenario(scenario, method=method, p_max=limit if k == 3 else None)
     band = moments
     if k != 3:
-        at_k = band_of_scenario(scenario, method=method, beta=k, p_max=threshold)
+        at_k = band_of_scenario(scenario, method=method, beta=k, p_max=limit)
         band = replace(moments, **vars(at_k))
     by_radar = {
         name: (radar, propagate_scenario(radar, method=method))
@@ -68,7 +73,7 @@ def variance(
     words.add_mean(result.table, moments.mean, method)
     for name, (radar, of_radar) in by_radar.items():
         _add_band(result.table, radar, of_radar, name)
-    if k != 3 and threshold is None:
+    if k != 3 and required is None:
         words.add_bounds(result.table, band, k)
 
     low, high = words.trough(moments.p_d, axis), words.peak(moments.p_d, axis)
@@ -90,8 +95,8 @@ def variance(
         for text in words.validity_warnings(radar, of_radar)
     )
     tested, each = None, {name: m.p_d for name, (_, m) in by_radar.items()}
-    if threshold is not None:
-        tested = require_threshold(result, threshold, k, band, probability)
+    if required is not None:
+        tested = require(result, required, band)
         singles = single_radar_scenarios(tested.path.scenario).items()
         each = {name: one.p_d() for name, one in singles}
     else:
@@ -170,8 +175,7 @@ def _draw(
 
     scenario = result.scenario
     if tested is not None:
-        scenario = tested.path.scenario
-        band = replace(tested.path.band, upper=tested.test.upper)
+        scenario, band = tested.path.scenario, tested.band
     names = list(each)
     by_range = isinstance(scenario.geometry, Radial)
     (axes, *others), x = plotting.pose_panels(figure, 1 + by_range, scenario.axis)
@@ -184,9 +188,9 @@ def _draw(
     label = rf"band of ${k:.4g}\,\sigma$ ({scenario.level})"
     plotting.draw_band(axes, x, band.lower, band.upper, label)
     if tested is not None:
-        p_max = tested.test.p_max
-        label = f"threshold {p_max:g}"
-        axes.axhline(p_max, color="black", lw=plotting.points(0.8), ls=":", label=label)
+        limit = tested.test.requirement.limit
+        label = f"threshold {limit:g}"
+        axes.axhline(limit, color="black", lw=plotting.points(0.8), ls=":", label=label)
         plotting.draw_shade(axes, tested.test.violated, x, label="violated")
     axes.set_ylabel(r"Probability of detection $P_D$")
     for snr_axes in others:

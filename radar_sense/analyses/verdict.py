@@ -10,10 +10,11 @@ from scipy.special import ndtri
 
 from radar_sense import words
 from radar_sense.acceptance import refinement
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
 from radar_sense.command import Option, Result
 from radar_sense.errors import InputError
-from radar_sense.limits import ABOVE, SIGMAS
+from radar_sense.limits import ABOVE, P_MIN, SIGMAS
 from radar_sense.limits import THRESHOLD as P_MAX
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
@@ -28,66 +29,91 @@ THRESHOLD = Option(
     P_MAX,
     metavar="P_MAX",
 )
+AT_LEAST = Option(
+    "at_least",
+    "Test P_D - K sigma >= P_MIN at every pose, as radars must that are to detect the aircraft.",
+    P_MIN,
+    metavar="P_MIN",
+)
 K = Option("k", "Number of sigma of the band.", SIGMAS, metavar="K", default_text="3")
 PROBABILITY = Option(
     "probability",
-    "Largest P(P_D > P_MAX) that passes the test at a pose, in place of K: 0.01 corresponds to K "
-    "2.326. Unlike with K, P_D itself may be above P_MAX.",
+    "Largest P(P_D > P_MAX), or P(P_D < P_MIN), that passes the test at a pose, in place of K: "
+    "0.01 corresponds to K 2.326. Unlike with K, P_D itself may be beyond the limit.",
     ABOVE,
     metavar="P",
 )
 
 
-def sigmas(threshold: float | None, k: float | None, probability: float | None) -> float | None:
-    """Return k, also from a probability: P_D is above its bound at kσ with a probability of Φ(−k).
+def requirement(
+    threshold: float | None,
+    k: float | None,
+    probability: float | None,
+    at_least: float | None = None,
+) -> Requirement | None:
+    """Return what the options require of P_D; None without a threshold and without P_MIN.
+
+    A probability stands for k: P_D is beyond its bound at kσ with a probability of Φ(−k).
 
     Raises:
-        InputError: If both are given, or a probability without a threshold.
+        InputError: If options exclude each other, or a probability stands alone.
     """
-    if probability is None:
-        return k
-    if threshold is None:
-        raise InputError("'probability' needs 'threshold'")
-    if k is not None:
-        raise InputError("'k' and 'probability' exclude each other; give one of them")
-    return -float(ndtri(probability))
+    if threshold is not None and at_least is not None:
+        raise InputError("'threshold' and 'at_least' exclude each other; give one of them")
+    limit = threshold if at_least is None else at_least
+    if probability is not None:
+        if limit is None:
+            raise InputError("'probability' needs 'threshold'")
+        if k is not None:
+            raise InputError("'k' and 'probability' exclude each other; give one of them")
+        k = -float(ndtri(probability))
+    if limit is None:
+        return None
+    return Requirement(limit, k or 3.0, at_least is not None, probability)
 
 
-def condition(p_max: float, k: float, probability: float | None) -> str:
+def condition(required: Requirement) -> str:
     """Return the test in words."""
-    if probability is None:
-        return f"P_D + {k:g} sigma <= {p_max:g}"
-    return f"P(P_D > {p_max:g}) <= {probability:g}"
+    if required.probability is not None:
+        return f"{beyond_in_words(required)} <= {required.probability:g}"
+    sign, relation = ("-", ">=") if required.at_least else ("+", "<=")
+    return f"P_D {sign} {required.k:g} sigma {relation} {required.limit:g}"
 
 
-def require_threshold(
-    result: Result, p_max: float, k: float, band: Band, probability: float | None
-) -> PathTest:
-    """Add the threshold test P_D + kσ ≤ P_max to a result of `variance`, its verdict first.
+def beyond_in_words(required: Requirement) -> str:
+    """Return the probability of P_D beyond the limit, in words."""
+    return f"P(P_D {'<' if required.at_least else '>'} {required.limit:g})"
 
-    The band has bounds at Φ(k), and the probability is Φ(−k) if it was given in place of k. The
-    result passes if the test holds at every pose, and on a path also between the poses. The test at
-    all of these is returned.
+
+def _side(required: Requirement) -> str:
+    """Return on which side of the limit P_D may not be."""
+    return "below" if required.at_least else "above"
+
+
+def require(result: Result, required: Requirement, band: Band) -> PathTest:
+    """Add the threshold test to a result of `variance`, its verdict first.
+
+    The band has bounds at Φ(±k). The result passes if the test holds at every pose, and on a path
+    also between the poses. The test at all of these is returned.
     """
-    tested = path_test(result.scenario, result.method, p_max, k, band, probability is None)
-    rows, test = tested.path.rows, tested.test
-    column = f"upper_{k:.12g}sigma"
+    tested = path_test(result.scenario, result.method, required, band)
+    rows, test, side = tested.path.rows, tested.test, _side(required)
+    end, limit = ("lower", "P_MIN") if required.at_least else ("upper", "P_MAX")
+    column, bound = f"{end}_{required.k:.12g}sigma", f"{end} bound of P_D"
     for name, values, meaning in (
-        (column, test.upper, f"Upper bound of P_D at {k:g} sigma."),
-        ("margin", test.margin, "P_MAX minus the upper bound of P_D."),
+        (column, test.bound, f"{bound.capitalize()} at {required.k:g} sigma."),
+        ("margin", test.margin, f"How far the {bound} is within {limit}."),
         ("violated", test.violated.astype(float), "1 where the test is violated, else 0."),
         ("not_known", test.unknown.astype(float), "1 where the test has no answer, else 0."),
         (
-            "probability_above",
+            f"probability_{side}",
             tested.decision.runs.probability,
-            "Share of the runs of the path with P_D above P_MAX.",
+            f"Share of the runs of the path with P_D {side} {limit}.",
         ),
     ):
         result.table.add(name, values[rows], meaning)
-    result.summary["threshold"] = _summary(tested, column, k)
-    if probability is not None:
-        result.summary["threshold"]["probability"] = probability
-    result.report[:0] = _report(tested, k, probability)
+    result.summary["threshold"] = _summary(tested, column)
+    result.report[:0] = _report(tested)
     result.passed = test.passed
     return tested
 
@@ -97,7 +123,8 @@ def _unit(scenario: Scenario) -> str:
     return scenario.axis.unit if scenario.time_s is None else "s"
 
 
-def _summary(tested: PathTest, column: str, k: float) -> dict[str, Any]:
+def _summary(tested: PathTest, column: str) -> dict[str, Any]:
+    required, side = tested.test.requirement, _side(tested.test.requirement)
     test, axis, runs = tested.test, tested.path.scenario.axis, tested.decision.runs
     unit = _unit(tested.path.scenario)
     highest = int(np.argmax(runs.counts))
@@ -106,8 +133,7 @@ def _summary(tested: PathTest, column: str, k: float) -> dict[str, Any]:
         return {axis.key: float(axis.values[pose])}
 
     summary: dict[str, Any] = {
-        "p_max": test.p_max,
-        "k": k,
+        **required.numbers,
         "bound": column,
         "verdict": test.verdict,
         "passed": test.passed,
@@ -120,58 +146,60 @@ def _summary(tested: PathTest, column: str, k: float) -> dict[str, Any]:
         "poses_without_bound": int(np.count_nonzero(np.isnan(test.margin))),
         "poses_decided_by_draws": int(np.count_nonzero(tested.by_draws)),
         "probability_of_false_holds": 2.0 * CHANCE,
-        "p_d_itself_above": bool(np.any(tested.path.band.p_d > test.p_max)),
-        f"above_{unit}": test.above,
+        f"p_d_itself_{side}": bool(np.any(required.margin(tested.path.band.p_d) < 0)),
+        f"{side}_{unit}": test.beyond,
         f"total_{unit}": test.total,
-        "share_above": _share(test),
+        f"share_{side}": _share(test),
         "first_violation": None if test.first is None else place(test.first),
         "worst_margin": {"value": float(test.margin[tested.worst]), **place(tested.worst)},
-        "highest_probability_above": {
+        f"highest_probability_{side}": {
             "value": float(runs.probability[highest]),
             "standard_error": runs.error(int(runs.counts[highest])),
             **place(highest),
         },
         "runs": runs.runs,
     }
-    if not tested.path.resolved:  # P_D may be above elsewhere, too
-        return summary | dict.fromkeys((f"above_{unit}", "share_above"))
+    if required.probability is not None:
+        summary["probability"] = required.probability
+    if not tested.path.resolved:  # P_D may be beyond elsewhere, too
+        return summary | dict.fromkeys((f"{side}_{unit}", f"share_{side}"))
     if runs.anywhere is not None:
-        summary["probability_above_at_any_pose"] = {
+        summary[f"probability_{side}_at_any_pose"] = {
             "value": runs.anywhere / runs.runs,
             "standard_error": runs.error(runs.anywhere),
             "runs": runs.runs,
         }
     if runs.time is not None:
-        summary["mean_time_above_s"] = {"value": runs.time, "standard_error": runs.time_error}
+        summary[f"mean_time_{side}_s"] = {"value": runs.time, "standard_error": runs.time_error}
     return summary
 
 
 def _share(test: ThresholdTest) -> float:
-    return test.above / test.total if test.total > 0 else float(not test.passed)
+    return test.beyond / test.total if test.total > 0 else float(not test.passed)
 
 
-def _report(tested: PathTest, k: float, probability: float | None) -> list[str]:
-    test, scenario = tested.test, tested.path.scenario
+def _report(tested: PathTest) -> list[str]:
+    test, scenario, required = tested.test, tested.path.scenario, tested.test.requirement
     axis = scenario.axis
-    lines = [f"{_verdict(tested)}: {condition(test.p_max, k, probability)}"]
+    lines = [f"{_verdict(tested)}: {condition(required)}"]
     if test.violated.any() and test.unknown.any():
         lines += [f"not known {words.describe_poses(test.unknown, axis)}"]
     if test.unknown.any() or not tested.path.resolved:
         lines += [_remedy(tested)]
     known = np.isfinite(test.margin[tested.worst])
     if known:
-        lines += [f"at the worst pose, {axis.at(tested.worst)}: {worst_band(tested, k)}"]
-    if known and test.total > 0 and np.isfinite(test.first_above) and tested.path.resolved:
-        first = float(np.interp(test.first_above, np.arange(len(axis)), axis.values))
+        lines += [f"at the worst pose, {axis.at(tested.worst)}: {worst_band(tested)}"]
+    if known and test.total > 0 and np.isfinite(test.first_beyond) and tested.path.resolved:
+        first = float(np.interp(test.first_beyond, np.arange(len(axis)), axis.values))
         first = round(first, DIGITS - math.ceil(math.log10(test.total)))
         lines += [
-            f"the bound is above {test.p_max:g} for {test.above:.4g} of {test.total:.6g} "
+            f"the bound is {_side(required)} {required.limit:g} for {test.beyond:.4g} of "
+            f"{test.total:.6g} "
             f"{_unit(scenario)} ({_share(test):.1%}), first at {axis.format(first)}"
         ]
     lines += _probability_lines(tested)
     if test.violated.any():
-        goal = f"--k {k:g}" if probability is None else f"--probability {probability:g}"
-        lines += [_why(tested, goal)]
+        lines += [_why(tested)]
     return [*lines, *_trust(tested)]
 
 
@@ -184,10 +212,10 @@ def _verdict(tested: PathTest) -> str:
     return "holds at every pose" + (" and between them" if tested.path.added else "")
 
 
-def worst_band(tested: PathTest, k: float) -> str:
+def worst_band(tested: PathTest) -> str:
     """Return P_D and its band at the worst pose; no numbers without a bound."""
-    pose, band = tested.worst, tested.path.band
-    return words.describe_band(band.p_d[pose], band.lower[pose], tested.test.upper[pose], k)
+    pose, band, k = tested.worst, tested.band, tested.test.requirement.k
+    return words.describe_band(band.p_d[pose], band.lower[pose], band.upper[pose], k)
 
 
 def _remedy(tested: PathTest) -> str:
@@ -205,19 +233,24 @@ def _remedy(tested: PathTest) -> str:
     return "  the bound is too near to the threshold for draws to decide"
 
 
-def _why(tested: PathTest, goal: str) -> str:
-    """Return whether P_D itself is above P_max, or only its bound."""
-    test, axis, p_d = tested.test, tested.path.scenario.axis, tested.path.band.p_d
-    p_d = np.where(test.violated, p_d, np.nan)
-    place = words.describe_poses(p_d > test.p_max, axis)
+def _why(tested: PathTest) -> str:
+    """Return whether P_D itself is beyond the limit, or only its bound."""
+    required, axis, p_d = tested.test.requirement, tested.path.scenario.axis, tested.path.band.p_d
+    margin = np.where(tested.test.violated, required.margin(p_d), np.nan)
+    place, limit = words.describe_poses(margin < 0, axis), f"{required.limit:g}"
     if place:
-        return f"P_D itself is above {test.p_max:g} {place}: no better knowledge helps there"
+        return f"P_D itself is {_side(required)} {limit} {place}: no better knowledge helps there"
+    stays = "above" if required.at_least else "below"
     if not tested.path.resolved:
-        return f"P_D itself stays below {test.p_max:g} at the poses tested"
+        return f"P_D itself stays {stays} {limit} at the poses tested"
+    nearest = words.probability(p_d[np.nanargmin(margin)])
+    most, option = ("least", "at-least") if required.at_least else ("most", "threshold")
+    goal = f"--k {required.k:g}"
+    if required.probability is not None:
+        goal = f"--probability {required.probability:g}"
     return (
-        f"P_D itself stays below: {words.probability(np.nanmax(p_d))} at most. What to know "
-        "better, to hold: the "
-        f"command budget with --threshold {test.p_max:g} {goal}"
+        f"P_D itself stays {stays}: {nearest} at {most}. What to know better, to hold: the command "
+        f"budget with --{option} {limit} {goal}"
     )
 
 
@@ -225,7 +258,7 @@ def _probability_lines(tested: PathTest) -> list[str]:
     axis, runs = tested.path.scenario.axis, tested.decision.runs
     highest = int(np.argmax(runs.counts))
     count = int(runs.counts[highest])
-    limit = f"P(P_D > {tested.test.p_max:g})"
+    limit = beyond_in_words(tested.test.requirement)
     if not count and not runs.anywhere:
         where = "" if tested.path.resolved else ", at the poses tested"
         return [f"{limit}: in none of {runs.runs:,} runs{where}"]

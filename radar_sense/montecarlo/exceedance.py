@@ -1,4 +1,4 @@
-"""Runs of a path: how often P_D exceeds a limit at each pose, at any pose, and for how long.
+"""Runs of a path: how often P_D is beyond a limit at each pose, at any pose, and for how long.
 
 The errors of the radars are common to all poses of a run. The errors of the aircraft are a
 first-order Gauss–Markov process with the correlation time of the scenario. All numbers are from the
@@ -9,7 +9,7 @@ errors of the aircraft can be larger than at both poses.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,13 +32,13 @@ _BLOCK = 2**20
 
 @dataclass(frozen=True, eq=False)
 class Exceedance:
-    """How often P_D exceeds a limit on a path of n poses, in runs of the whole path.
+    """How often P_D is beyond a limit on a path of n poses, in runs of the whole path.
 
     Attributes:
-        counts: Number of runs that exceed the limit at each pose (n,).
-        anywhere: Number of runs that exceed the limit at any pose; None where the number would
+        counts: Number of runs that are beyond the limit at each pose (n,).
+        anywhere: Number of runs that are beyond the limit at any pose; None where the number would
             depend on the step of the poses, because the errors at two poses are independent.
-        time: Mean time above the limit [s]; None for poses without times.
+        time: Mean time beyond the limit [s]; None for poses without times.
         time_error: Standard error of `time` [s].
         runs: Number of runs.
     """
@@ -51,7 +51,7 @@ class Exceedance:
 
     @property
     def probability(self) -> FloatArray:
-        """P(P_D > limit) at each pose (n,)."""
+        """Probability of P_D beyond the limit at each pose (n,)."""
         return self.counts / self.runs
 
     def error(self, count: float) -> float:
@@ -63,8 +63,10 @@ class Exceedance:
         return math.sqrt(share * (1.0 - share) / self.runs)
 
 
-def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
-    """Draw runs of the whole path, and count where P_D exceeds a limit.
+def exceedance(
+    scenario: Scenario, margin: Callable[[FloatArray], FloatArray], runs: int
+) -> Exceedance:
+    """Draw runs of the whole path, and count where P_D has a negative margin to a limit.
 
     Fewer runs are made where they would be more than `MAX_DRAWS` draws, but never fewer than
     `LEAST_RUNS`: the printed digits of a probability need them.
@@ -78,12 +80,13 @@ def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
     counts, hits, done = np.zeros(poses, dtype=np.intp), 0, 0
     total = squares = 0.0
     for p_d in _along_path(scenario, runs):
-        above = p_d > p_max
-        counts += np.count_nonzero(above, axis=0)
-        hits += int(np.count_nonzero(above.any(axis=1)))
+        margins = margin(p_d)
+        beyond = margins < 0.0
+        counts += np.count_nonzero(beyond, axis=0)
+        hits += int(np.count_nonzero(beyond.any(axis=1)))
         if step is not None:
-            halves = 0.5 * above  # a pose stands for half of the steps beside it
-            share = share_above(p_max - p_d) if common else halves[:, 1:] + halves[:, :-1]
+            halves = 0.5 * beyond  # a pose stands for half of the steps beside it
+            share = share_beyond(margins) if common else halves[:, 1:] + halves[:, :-1]
             time = share @ step
             total, squares = total + float(time.sum()), squares + float(np.sum(time * time))
         done += len(p_d)
@@ -95,15 +98,15 @@ def exceedance(scenario: Scenario, p_max: float, runs: int) -> Exceedance:
     return Exceedance(counts, hits if has_anywhere else None, mean, error, runs)
 
 
-def share_above(margin: FloatArray) -> FloatArray:
+def share_beyond(margin: FloatArray) -> FloatArray:
     """Return the share (..., n − 1) of each step with a negative margin (..., n).
 
-    The margin is linear between poses. A step to or from a pose without a margin is above.
+    The margin is linear between poses. A step to or from a pose without a margin is beyond.
     """
     known = np.isfinite(margin)
     margin = np.where(known, margin, 0.0)
-    above, within = np.maximum(-margin, 0.0), np.maximum(margin, 0.0)
-    negative = above[..., :-1] + above[..., 1:]
+    beyond, within = np.maximum(-margin, 0.0), np.maximum(margin, 0.0)
+    negative = beyond[..., :-1] + beyond[..., 1:]
     whole = negative + within[..., :-1] + within[..., 1:]
     # On a line from −b to a, b/(a + b) of the step is negative.
     share = np.divide(negative, whole, out=np.zeros_like(negative), where=negative > 0)

@@ -14,6 +14,7 @@ from studies.bands import cases, truth
 
 import radar_sense as rs
 from radar_sense import analyses
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import path_test
 from radar_sense.propagation import band_of_scenario, propagate_scenario, unreliable_in_scenario
 
@@ -87,7 +88,7 @@ def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(tmp_
     exceeded: list[bool] = []
     for p_max in (0.5 * p_d.max(), np.median(p_d), 0.5 * (1 + p_d.max())):
         band = band_of_scenario(s, method="form", beta=2.0)
-        found = path_test(s, "form", float(p_max), 2.0, band, True)
+        found = path_test(s, "form", Requirement(float(p_max), 2.0), band)
         runs, each, rounding = found.decision.runs, found.decision.runs.probability, 1e-12
         anywhere = runs.anywhere / runs.runs
         assert each.max() <= anywhere + rounding

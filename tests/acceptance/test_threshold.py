@@ -5,6 +5,7 @@ import pytest
 from helpers import scenario
 
 from radar_sense import analyses
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import ThresholdTest
 
 
@@ -13,7 +14,9 @@ def threshold_test(upper, p_max, coordinate, violated=None, unknown=False):
     if violated is None:
         violated, unknown = upper > p_max, np.isnan(upper)
     violated = np.asarray(violated)
-    return ThresholdTest(p_max, upper, violated, np.asarray(unknown) & ~violated, coordinate)
+    return ThresholdTest(
+        Requirement(p_max), upper, violated, np.asarray(unknown) & ~violated, coordinate
+    )
 
 
 def test_margin_and_poses():
@@ -21,15 +24,15 @@ def test_margin_and_poses():
     found = threshold_test(upper, 0.5, [0, 1, 2, 4, 8])
     np.testing.assert_allclose(found.margin, [0.4, 0.2, 0, -0.2, 0.1], atol=1e-15)
     np.testing.assert_array_equal(found.violated, [False, False, False, True, False])
-    assert (found.first, found.first_above, found.passed) == (3, 2, False)
+    assert (found.first, found.first_beyond, found.passed) == (3, 2, False)
     # from 2, where the limit is reached, to 4, and then 2/3 of the way to 8
-    assert found.above == pytest.approx(2 + 4 * 2 / 3, rel=1e-14)
+    assert found.beyond == pytest.approx(2 + 4 * 2 / 3, rel=1e-14)
     assert found.total == 8
     equal = threshold_test([0.5, 0.5], 0.5, [0, 3])
-    assert (equal.passed, equal.first, equal.above, equal.total) == (True, None, 0, 3)
-    assert np.isnan(equal.first_above)
+    assert (equal.passed, equal.first, equal.beyond, equal.total) == (True, None, 0, 3)
+    assert np.isnan(equal.first_beyond)
     alone = threshold_test([0.9], 0.5, [7.0])
-    assert (alone.above, alone.first) == (0, 0)
+    assert (alone.beyond, alone.first) == (0, 0)
 
 
 def test_time_above_is_that_of_the_broken_line():
@@ -41,14 +44,14 @@ def test_time_above_is_that_of_the_broken_line():
         found = threshold_test(upper, p_max, coordinate)
         dense = np.linspace(coordinate[0], coordinate[-1], 200_001)
         share = np.mean(np.interp(dense, coordinate, upper) > p_max)
-        assert found.above == pytest.approx(share * found.total, abs=24 * found.total / 200_000)
-        place = np.interp(found.first_above, np.arange(12), coordinate) if share else dense[0]
+        assert found.beyond == pytest.approx(share * found.total, abs=24 * found.total / 200_000)
+        place = np.interp(found.first_beyond, np.arange(12), coordinate) if share else dense[0]
         first = dense[np.argmax(np.interp(dense, coordinate, upper) > p_max)]
         assert place == pytest.approx(first, abs=24 * found.total / 200_000)
         back = threshold_test(upper[::-1], p_max, -coordinate[::-1] * 2)
-        assert back.above == pytest.approx(2 * found.above, rel=1e-12, abs=1e-12)
+        assert back.beyond == pytest.approx(2 * found.beyond, rel=1e-12, abs=1e-12)
         falling = threshold_test(upper, p_max, -coordinate)
-        assert falling.above == pytest.approx(found.above, rel=1e-12, abs=1e-12)
+        assert falling.beyond == pytest.approx(found.beyond, rel=1e-12, abs=1e-12)
 
 
 def test_a_pose_without_a_bound_is_not_known():
@@ -56,7 +59,7 @@ def test_a_pose_without_a_bound_is_not_known():
     np.testing.assert_array_equal(found.unknown, [False, True, False, False])
     assert not found.violated.any()
     assert (found.verdict, found.passed) == ("not known", False)
-    assert (found.first, found.first_above, found.above) == (1, 1, 3)
+    assert (found.first, found.first_beyond, found.beyond) == (1, 1, 3)
 
 
 def test_a_verdict_by_draws_is_kept_beside_the_bound():

@@ -24,6 +24,7 @@ from scipy.stats import norm
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.acceptance import refinement
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide, path_test
 from radar_sense.accuracy import required_accuracies
 from radar_sense.model.rcs import SpikeballRCS
@@ -120,14 +121,14 @@ def test_draws_decide():
         one = s.at_poses(np.array([pose]))
         quantile = np.quantile(p_d[:, pose], 1 - tail)
         for p_max in (quantile - 0.02, quantile + 0.02):
-            decision = decide(one, p_max, 2.0)
+            decision = decide(one, Requirement(p_max, 2.0))
             share = np.mean(p_d[:, pose] > p_max)
-            assert decision.upper[0] == pytest.approx(quantile, abs=0.01)
+            assert decision.bound[0] == pytest.approx(quantile, abs=0.01)
             runs = decision.runs
             error = math.sqrt(share * (1 - share) * (1 / runs.runs + 1 / len(p_d)))
             assert runs.probability[0] == pytest.approx(share, abs=4 * error)
             assert (decision.holds[0], decision.violated[0]) == (p_max > quantile, p_max < quantile)
-        on_it = decide(one, quantile, 2.0)
+        on_it = decide(one, Requirement(quantile, 2.0))
         assert not (on_it.holds[0] and on_it.violated[0])
 
 
@@ -141,7 +142,7 @@ def test_no_verdict_is_wrong_just_beside_the_limit(seed, k):
         uncertainty={"aircraft": certain, "radar": {"medium": {"position_m": 0, "constant": 5}}},
     ).with_analysis(seed=seed)
     p_max = s.model.p_d(s.aircraft, np.add(s.radar, [0, 0, 0, 5 * k]))[0]
-    found = decide(s, float(p_max), 3.0)
+    found = decide(s, Requirement(float(p_max)))
     assert not (found.holds[0] if k < 3 else found.violated[0])
 
 
@@ -149,7 +150,7 @@ def test_no_verdict_is_wrong_just_beside_the_limit(seed, k):
 def test_poses_between_rows_have_the_draws_of_the_poses_alone(tmp_path):
     s = past(tmp_path)
     band_of = partial(band_of_scenario, method="automatic", p_max=0.1)
-    path = path_test(s, "automatic", 0.1, 3.0, band_of(s), True).path
+    path = path_test(s, "automatic", Requirement(0.1), band_of(s)).path
     assert path.added > 0
     whole = band_of(path.scenario)
     for name, values in vars(whole.drawn).items():
@@ -160,12 +161,12 @@ def test_poses_between_rows_have_the_draws_of_the_poses_alone(tmp_path):
 def test_too_few_runs_for_a_tail_are_not_known():
     """At 4.1 sigma 370,000 runs would be needed. P_D is far below the threshold."""
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 2, "step": 2})
-    decision = decide(s, 0.99, 4.1)
+    decision = decide(s, Requirement(0.99, 4.1))
     assert decision.wanted > decision.runs.runs
     assert not decision.runs.counts.any()
     assert not decision.holds.any()
     assert not decision.violated.any()
-    assert (decision.upper < 0.7).all()
+    assert (decision.bound < 0.7).all()
     result = analyses.variance(s, method="automatic", threshold=0.99, k=4.1)
     assert (result.passed, result.summary["threshold"]["verdict"]) == (False, "not known")
     assert any(" runs of the path would be needed" in line for line in result.report)
@@ -197,7 +198,7 @@ def test_the_probability_anywhere(tmp_path, tau):
     hits = np.count_nonzero((p_d > p_max).any(axis=0))
     share = hits / runs
     assert 0.1 < share < 0.9
-    found = exceedance(s, p_max, 50_000)
+    found = exceedance(s, Requirement(p_max).margin, 50_000)
     error = math.sqrt(share * (1 - share) * (1 / runs + 1 / found.runs))
     assert found.anywhere / found.runs == pytest.approx(share, abs=4 * error)
     each = (p_d > p_max).mean(axis=1)
@@ -272,7 +273,9 @@ def test_an_orbit_is_tested_between_its_azimuths(sweep, azimuth_from):
     assert not tested.passed
     assert not tested.table["violated"].any()  # the violation is between the azimuths
     assert any("between the azimuths given" in line for line in tested.report)
-    own, added = (refinement.refined(s, by_form(s), by_form, 0.001) for s in (few, dense))
+    own, added = (
+        refinement.refined(s, by_form(s), by_form, 0.001, Requirement(0.0)) for s in (few, dense)
+    )
     assert added.added == 0
     assert np.all(own.scenario.axis.values[own.rows] == few.axis.values)
     np.testing.assert_array_equal(own.scenario.aircraft[own.rows], few.aircraft)
@@ -286,7 +289,7 @@ def test_an_orbit_is_tested_between_its_azimuths(sweep, azimuth_from):
 
 def test_the_refined_path_is_within_its_tolerance(tmp_path):
     s = past(tmp_path, radar__constant=4)
-    found = refinement.refined(s, by_form(s), by_form, 0.001)
+    found = refinement.refined(s, by_form(s), by_form, 0.001, Requirement(0.0))
     assert found.resolved
     np.testing.assert_array_equal(found.scenario.aircraft[found.rows], s.aircraft)
     time = np.arange(0.0, 3600.5, 1.5)
@@ -295,7 +298,7 @@ def test_the_refined_path_is_within_its_tolerance(tmp_path):
         line = np.interp(time, found.scenario.time_s, getattr(found.band, name))
         assert abs(line - getattr(dense, name)).max() < 0.002
     # rows that are dense already need few more poses
-    again = refinement.refined(found.scenario, found.band, by_form, 0.001)
+    again = refinement.refined(found.scenario, found.band, by_form, 0.001, Requirement(0.0))
     assert again.added == 0
 
 
@@ -316,16 +319,16 @@ def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
     def flat(s):
         return band_of(np.zeros(len(s.axis)))
 
-    found = refinement.refined(s, noise(s), noise, 0.001)
+    found = refinement.refined(s, noise(s), noise, 0.001, Requirement(0.0))
     assert not found.resolved
     assert found.added < 40
     words = "P_D is not resolved by 40 poses between the rows: test a shorter part"
     assert refinement.unresolved() == words
     monkeypatch.setattr(refinement, "MAX_POSES", 3)
-    assert refinement.refined(s, flat(s), flat, 0.001).resolved
+    assert refinement.refined(s, flat(s), flat, 0.001, Requirement(0.0)).resolved
     # of more than these the one of the greatest P_D is computed
     monkeypatch.setattr(refinement, "places", lambda s: np.linspace(0, 40, 49))
-    found = refinement.refined(s, noise(s), noise, 0.001)
+    found = refinement.refined(s, noise(s), noise, 0.001, Requirement(0.0))
     assert not found.resolved
     assert found.scenario.time_s == pytest.approx([0, 5 / 6, 10, 20, 30, 40])
 
@@ -480,7 +483,7 @@ def test_p_d_above_the_threshold_is_violated_though_draws_are_below():
     aircraft = np.array([[*s.aircraft[0, :5], top]])
     s = with_arrays(s, aircraft=aircraft, cov_aircraft=only_yaw, cov_radar=certain)
     p_max = p_d(top) * (1 - 1e-10)
-    found = path_test(s, "automatic", p_max, 3.0, propagate_scenario(s, p_max=p_max), True)
+    found = path_test(s, "automatic", Requirement(p_max), propagate_scenario(s, p_max=p_max))
     assert found.decision.holds.all()
     assert found.test.verdict == "violated"
 
@@ -489,7 +492,7 @@ def test_a_path_that_is_not_resolved_does_not_hold(monkeypatch):
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 30, "step": 5})
     for most, verdict in ((20_000, "holds"), (1, "not known")):
         monkeypatch.setattr(refinement, "MAX_POSES", most)
-        found = path_test(s, "automatic", 0.97, 3.0, propagate_scenario(s, p_max=0.97), True)
+        found = path_test(s, "automatic", Requirement(0.97), propagate_scenario(s, p_max=0.97))
         assert found.test.verdict == verdict
 
 
@@ -502,7 +505,7 @@ def test_runs_of_the_path_contradict_draws_that_missed_a_tail(at, errors, holds)
     p_max = float(distribution(s, "form").quantile(at)[0])
     missed = dataclasses.replace(estimate(s.states(), 1024, 3.0, p_max), draws=np.full(1, LAST))
     missed.values[4], missed.errors[4] = 0.0, errors * ndtr(-3)
-    found = decide(s, p_max, 3.0, missed)
+    found = decide(s, Requirement(p_max), missed)
     assert found.runs.counts[0] > 0
     assert found.holds[0] == holds
 
@@ -515,7 +518,7 @@ def test_the_chance_of_a_false_decision_is_of_all_stages_and_poses():
     for side, errors in ((-1, norm.isf(0.0005 / 5)), (1, norm.isf(0.0005 / 5 / 2))):
         for part in (0.99, 1.01):
             drawn.values[4] = tail * (1 + side * part * errors / 10)
-            found = decide(s, 0.9999, 3.0, drawn)
+            found = decide(s, Requirement(0.9999), drawn)
             assert np.all((found.holds if side < 0 else found.violated) == (part > 1))
 
 

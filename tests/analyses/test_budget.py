@@ -127,7 +127,7 @@ def test_required_accuracies_where_a_limit_is_a_value(limit, rounding, monkeypat
     """The last bit of a value may depend on the other poses."""
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 45})
 
-    def value_function(scenario, method, k=None):
+    def value_function(scenario, method, k=None, of_miss=False):
         values = (1.0 + rounding * (3 - len(scenario.axis))) * (1.0 - scenario.axis.values / 100)
         return lambda names, factor: factor * values
 
@@ -260,7 +260,7 @@ def many_draws(monkeypatch):
 
 def required(s, limit, *names):
     """The accuracy of some of the sources, by draws where `form` is off."""
-    goal = module._Goal(s, limit, None, "automatic")
+    goal = module._Goal(s, limit, None, "automatic", of_miss=False)
     every = tuple(error_budget(s).sources)
     return {name: goal.required(every if name == "all" else (name,)) for name in names}
 

@@ -29,6 +29,7 @@ from studies.bands.model import Oracle
 
 import radar_sense as rs
 from radar_sense import analyses
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import recombined_missions
 from radar_sense.model.network import NetworkModel
@@ -139,7 +140,7 @@ def test_poses_share_the_factor():
     every = drawn_at(network(rcs_db=DECIBELS), poses, 200_000, 3)
     p_max = float(np.quantile(every[:, 0], 0.98))
     exceeded = every > p_max
-    found = exceedance(s, p_max, 50_000)
+    found = exceedance(s, Requirement(p_max).margin, 50_000)
     expected = exceeded.any(axis=1).mean()
     error = found.error(found.anywhere)
     assert found.anywhere / found.runs == pytest.approx(expected, abs=5 * error)

@@ -98,7 +98,9 @@ def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
                     some_poses(patch)
                 options += ["--step-km=50"] * (name == "map" and "--step-km" not in line)
             result = runner(line, *options)
-        answer_is_no = "--threshold" in line and "sweep" not in line  # which holds at a value
+        answer_is_no = (
+            re.search("--threshold|--at-least", line) and "sweep" not in line
+        )  # which holds at a value
         assert result.exit_code == (3 if answer_is_no else 0), f"{line}\n{result.output}"
         if shown:
             warnings = [row for row in shown if row.startswith("Warning: ")]

@@ -9,6 +9,7 @@ import pytest
 from helpers import scenario, with_arrays
 
 import radar_sense as rs
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide, path_test
 from radar_sense.model.antenna import ElevationGain
 from radar_sense.model.detection_model import DetectionModel
@@ -112,10 +113,10 @@ def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
     for name in ("p_d", "lower", "upper", "error"):
         np.testing.assert_array_equal(getattr(band, name), getattr(plain, name))
         np.testing.assert_array_equal(getattr(band, name), getattr(alone, name))
-    again = decide(s, p_max, 3.0)
-    _, values = count(lambda s: decide(s, p_max, 3.0, band.drawn), s)
+    again = decide(s, Requirement(p_max))
+    _, values = count(lambda s: decide(s, Requirement(p_max), band.drawn), s)
     assert values == again.wanted
-    on = decide(s, p_max, 3.0, band.drawn)
+    on = decide(s, Requirement(p_max), band.drawn)
     np.testing.assert_array_equal(on.holds, again.holds)
     np.testing.assert_array_equal(on.violated, again.violated)
 
@@ -125,10 +126,10 @@ def test_no_draws_are_made_where_p_d_itself_is_above_the_limit(count):
     s = problem(1)
     band = band_of_scenario(s, method="linear")
     p_max = 0.9 * float(band.p_d.min())
-    tested = path_test(s, "linear", p_max, 3.0, band, True)
+    tested = path_test(s, "linear", Requirement(p_max), band)
     assert tested.test.violated.all()
     poses = len(tested.path.scenario.aircraft)
-    _, values = count(lambda s: path_test(s, "linear", p_max, 3.0, band, True), s)
+    _, values = count(lambda s: path_test(s, "linear", Requirement(p_max), band), s)
     assert values * len(s.aircraft) - tested.decision.runs.runs * poses < FIRST
 
 

@@ -13,6 +13,7 @@ from scenario_file.earth import DEG, height_of, sees, to_ned
 from scenario_file.refused import refused
 
 import radar_sense as rs
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import path_test
 from radar_sense.coverage.grid import Grid, p_d_in_cells, pose_in_cells
 from radar_sense.coverage.rays import rays
@@ -172,7 +173,7 @@ def test_the_origin_changes_no_mission(correlation, tmp_path, monkeypatch):
         table = rs.analyses.mission(s).table
         between = s.along(s.geometry.at(np.linspace(0.0, 100.0, 11)))
         limit = 1.01 * np.max(s.model.p_d(between.aircraft, s.radar))
-        runs = exceedance(between, limit, 20_000)
+        runs = exceedance(between, Requirement(limit).margin, 20_000)
         above = (runs.anywhere if correlation else runs.counts.max()) / runs.runs
         found.append([*(table[f"{end}_3sigma"][-1] for end in ("lower", "upper")), above])
     *bounds, above = np.transpose(found)
@@ -199,7 +200,9 @@ def test_an_origin_too_far_for_the_attitude_errors_is_warned_of(yaw, origin, far
         verdict = rs.analyses.variance(s, threshold=1.0).summary["threshold"]["verdict"]
         assert verdict == ("not known" if told else "holds")
         limit = 0.999 * np.max(s.along(s.geometry.at(np.linspace(0.0, 1.0, 101))).p_d()) + 0.001
-        path = path_test(s, "automatic", limit, 3.0, propagate_scenario(s), nominal=False)
+        path = path_test(
+            s, "automatic", Requirement(limit, probability=0.001), propagate_scenario(s)
+        )
         assert not np.any(path.test.violated & path.far)
         assert np.any(path.decision.violated & path.far) == bool(told)
     assert [told for told, _ in found] == [far, False]

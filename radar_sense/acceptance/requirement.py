@@ -1,0 +1,60 @@
+"""What is required of P_D at every pose, in spite of its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scipy.special import ndtr
+
+from radar_sense.propagation import Band
+from radar_sense.propagation.draws import Estimate
+from radar_sense.states import FloatArray
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """P_D + kσ is at most a limit P_max; or P_D − kσ at least a limit P_min.
+
+    The first is asked of a path that is not to be detected, the second of radars that are to
+    detect. Either bound of P_D is a quantile, see `threshold`.
+
+    Attributes:
+        limit: P_max, or P_min.
+        k: Number of σ.
+        at_least: Whether the limit is P_min.
+        probability: The largest probability of P_D beyond the limit, Φ(−k), where it was given in
+            place of k. P_D itself may then be beyond the limit.
+    """
+
+    limit: float
+    k: float = 3.0
+    at_least: bool = False
+    probability: float | None = None
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The limit and k, for a record."""
+        return {"p_min" if self.at_least else "p_max": self.limit, "k": self.k}
+
+    @property
+    def tail(self) -> float:
+        """The largest probability of P_D beyond the limit."""
+        return float(ndtr(-self.k))
+
+    @property
+    def room(self) -> float:
+        """The largest margin that P_D can have."""
+        return 1.0 - self.limit if self.at_least else self.limit
+
+    def margin(self, p_d: FloatArray) -> FloatArray:
+        """Return how far values of P_D (...) are within the limit, negative beyond it."""
+        return p_d - self.limit if self.at_least else self.limit - p_d
+
+    def bound(self, band: Band) -> FloatArray:
+        """Return the bound of P_D (n,) on the side of the limit."""
+        return band.lower if self.at_least else band.upper
+
+    def beyond(self, found: Estimate) -> tuple[FloatArray, FloatArray]:
+        """Return the probability (n,) of P_D beyond the limit, and its standard error (n,)."""
+        above, error = found.above
+        return (1.0 - above if self.at_least else above), error

@@ -1,0 +1,114 @@
+"""The test of radars that are to detect, P_D - k sigma >= P_MIN, against draws and formulas."""
+
+import numpy as np
+import pytest
+from helpers import scenario
+from scipy.special import ndtr
+from test_between_rows import flight, radar
+from test_verdicts import drawn_p_d
+
+from radar_sense import analyses
+from radar_sense.acceptance.requirement import Requirement
+from radar_sense.acceptance.threshold import decide
+from radar_sense.errors import InputError
+
+POSES = {"start": 30, "stop": 60, "step": 30}
+
+
+def test_draws_decide():
+    """Compare with the quantiles of a plain loop, and with limits just above and below."""
+    s = scenario(geometry__azimuth_deg=POSES).with_analysis(level="high")
+    p_d = drawn_p_d(s, 40_000)
+    for pose in range(2):
+        one = s.at_poses(np.array([pose]))
+        quantile = np.quantile(p_d[:, pose], ndtr(-2))
+        for p_min in (quantile - 0.02, quantile + 0.02):
+            decision = decide(one, Requirement(p_min, 2.0, at_least=True))
+            share, runs = np.mean(p_d[:, pose] < p_min), decision.runs
+            assert decision.bound[0] == pytest.approx(quantile, abs=0.01)
+            error = np.sqrt(share * (1 - share) * (1 / runs.runs + 1 / len(p_d)))
+            assert runs.probability[0] == pytest.approx(share, abs=4 * error)
+            assert (decision.holds[0], decision.violated[0]) == (p_min < quantile, p_min > quantile)
+
+
+@pytest.mark.parametrize("method", ["linear", "form", "automatic"])
+def test_the_verdict_is_that_of_the_lower_bound(method):
+    s = scenario(geometry__azimuth_deg=POSES).with_analysis(method=method)
+    table = analyses.variance(s).table
+    lower, ends = (
+        table["lower_3sigma"],
+        [table[n][0] for n in ("p_d", "lower_3sigma", "upper_3sigma")],
+    )
+    for p_min, verdict in ((lower.min() - 0.02, "holds"), (lower.min() + 0.02, "violated")):
+        result = analyses.variance(s, at_least=float(p_min))
+        test = result.summary["threshold"]
+        assert (test["verdict"], result.passed) == (verdict, verdict == "holds")
+        np.testing.assert_allclose(result.table["margin"], lower - p_min, atol=0.005)
+        assert (test["p_min"], test["p_d_itself_below"]) == (p_min, False)
+        p_d, low, high = (f"{end:.4f}" for end in ends)
+        worst = f"at the worst pose, 30 deg: P_D {p_d}, between {low} and {high} (3 sigma)"
+        assert worst in result.report
+    assert result.report[0].startswith("VIOLATED at 30 deg: P_D - 3 sigma >= ")
+    assert f"budget with --at-least {p_min:g} --k 3" in " ".join(result.report)
+    above = analyses.variance(s, at_least=0.99).report
+    assert "P_D itself is below 0.99 at all 33 poses: no better knowledge helps there" in above
+
+
+@pytest.mark.parametrize(("sigmas", "verdict"), [(2.0, "violated"), (8.0, "holds")])
+def test_a_hole_between_two_rows_that_errors_reach(tmp_path, sigmas, verdict):
+    """The radar sees nothing within 10 km, and half way the aircraft is some sigma outside."""
+    std = np.hypot(10.0, 1.0)
+    beside = 10e3 + sigmas * std
+    rows = f"0,-60000,{beside},0\n600,60000,{beside},0\n"
+    rcs = {"model": "constant", "rcs_m2": 1}
+    errors = {"position_m": 10, "attitude_deg": 0}
+    s = flight(tmp_path, rows, [radar(1000, min_range_km=10)], rcs, errors)
+    result = analyses.variance(s, at_least=0.5)
+    test = result.summary["threshold"]
+    assert test["verdict"] == verdict
+    highest = test["highest_probability_below"]
+    assert highest["value"] == pytest.approx(ndtr(-sigmas), abs=4 * highest["standard_error"])
+    if verdict == "violated":
+        assert highest["time_s"] == pytest.approx(300, abs=3)
+        assert test["worst_margin"]["value"] == -0.5
+
+
+def test_the_accuracy_that_it_requires_is_the_least():
+    s = scenario(geometry__azimuth_deg={"start": 30, "stop": 30, "step": 1})
+    s = s.with_analysis(method="automatic")
+    p_d, lower = s.p_d()[0], analyses.variance(s).table["lower_3sigma"][0]
+    p_min = float(0.5 * (p_d + lower))
+    result = analyses.budget(s, at_least=p_min)
+    numbers = result.summary["threshold"]
+    assert (numbers["p_min"], numbers["k"]) == (p_min, 3.0)
+    factor = numbers["required_accuracy"]["radar_constant"]["factor"]
+    assert 0 < factor < 1
+    for part, holds in ((0.96, True), (1.04, False)):
+        std = part * factor * np.sqrt(s.cov_radar[3, 3])
+        changed = s.with_keys({"uncertainty.radar.medium.constant": f"{std:.12g}"})
+        assert analyses.variance(changed, at_least=p_min).passed == holds
+    impossible = analyses.budget(s, at_least=float(p_d + 0.01)).report[0]
+    assert impossible.endswith("no better knowledge helps: P_D itself is below at 30 deg")
+
+
+def test_the_accuracy_to_first_order_is_in_closed_form():
+    s = scenario(geometry__azimuth_deg={"start": 30, "stop": 30, "step": 1})
+    found = {name: values[0] for name, values in analyses.budget(s, method="linear").table.items()}
+    p_d, total, own = s.p_d()[0], found["three_sigma_total"], found["three_sigma_radar_position"]
+    p_min = float(p_d - 0.5 * total)
+    result = analyses.budget(s, method="linear", at_least=p_min)
+    required = result.summary["threshold"]["required_accuracy"]
+    assert required["all"]["factor"] == pytest.approx(0.5, rel=1e-6)
+    impossible = required["radar_position"]
+    assert impossible["factor"] is None
+    assert impossible["residual"] == pytest.approx(p_d - np.sqrt(total**2 - own**2), rel=1e-9)
+
+
+def test_options_that_exclude_each_other():
+    s = scenario(geometry__azimuth_deg=POSES)
+    with pytest.raises(InputError, match="'threshold' and 'at_least' exclude each other"):
+        analyses.variance(s, threshold=0.5, at_least=0.5)
+    with pytest.raises(InputError, match="'target' and 'at_least' exclude each other"):
+        analyses.budget(s, target=0.5, at_least=0.5)
+    with pytest.raises(InputError, match=r"at_least must be .* less than 1, got 1"):
+        analyses.variance(s, at_least=1)
