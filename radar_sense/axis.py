@@ -99,6 +99,11 @@ def steps(start: float, stop: float, step: float, most: int) -> FloatArray:
     return np.round(start + step * np.arange(math.floor(last) + 1), decimals)
 
 
+def widest_of_highest(values: FloatArray, width: FloatArray) -> int:
+    """Return where the greatest value is (n,); of several, that with the greatest width (n,)."""
+    return int(np.argmax(np.where(reached(values), np.nan_to_num(width, nan=-1.0), -np.inf)))
+
+
 def azimuth(values: FloatArray) -> Axis:
     """Return the axis of azimuth θ_r [deg], for an orbit."""
     meaning = "Azimuth of the pose on an orbit."

@@ -8,6 +8,9 @@ from pathlib import Path
 
 from radar_sense.units import ascii_unit
 
+#: Letters of the beginning of a word that suggest the word.
+_BEGINNING = 3
+
 
 class InputError(ValueError):
     """Bad input, described in one line: place, value, and what is allowed.
@@ -87,10 +90,15 @@ class FigureError(RuntimeError):
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:
     """Return a suggestion to append to an error; "" if no allowed word is close.
 
-    It says in which unit, if the word ends with another one.
+    Capitals make no difference, and the beginning of one word alone is close to it. The suggestion
+    says in which unit, if the word ends with another one.
     """
-    close = difflib.get_close_matches(word, list(allowed), n=1)
-    if not close:
+    known = {name.lower(): name for name in allowed}
+    given = word.lower()
+    close = [known[name] for name in difflib.get_close_matches(given, list(known), n=1)]
+    if not close and len(given) >= _BEGINNING:
+        close = [name for low, name in known.items() if low.startswith(given)]
+    if len(close) != 1:
         return ""
     other = word.rpartition("_")[2] != close[0].rpartition("_")[2]
     unit = ascii_unit(close[0]) if other else ""

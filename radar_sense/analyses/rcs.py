@@ -19,7 +19,7 @@ from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.words import decibels, describe_poses, table_warnings, warning
 
-#: Largest step of azimuth, and the step of elevation [deg].
+#: Largest steps of azimuth and elevation [deg].
 AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
 #: Azimuths in a lobe. Between 8 of them the top of a lobe |sin| is missed by 0.09 dB at most. With
 #: fewer than LEAST a lobe may be missed.
@@ -60,6 +60,9 @@ def rcs(scenario: Scenario) -> Result:
     result, model = Result(scenario), scenario.radars[0].model.rcs
     spread = getattr(model, "spread", None)
     elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
+    ends = model.elevation if isinstance(model, TableRCS) else None
+    if ends is not None:
+        elevation = np.union1d(elevation, np.rad2deg(ends).round(9))
     lobes = _lobes(model)
     turns = max(1.0 / AZIMUTH_STEP, IN_LOBE / max(lobes["azimuth"], 1e-9))  # azimuths in a degree
     most = MAX_NODES // len(elevation) // 360  # of a table
@@ -92,7 +95,6 @@ def rcs(scenario: Scenario) -> Result:
         meaning = "Standard deviation of the cross section, if the RCS table has std_db."
         add("std_db", std_db, meaning, "dB")
 
-    ends = model.elevation if isinstance(model, TableRCS) else None
     low, high = (-90.0, 90.0) if ends is None else np.rad2deg(ends[[0, -1]])
     beyond = abs(elevation - np.clip(elevation, low, high))  # the outermost values again
     within = kept & (beyond <= 0.5 * ELEVATION_STEP)
@@ -134,12 +136,8 @@ def _lobes(model: RCS) -> dict[str, float]:
     """Return the width [deg] of the narrowest lobe by azimuth and by elevation."""
     if not isinstance(model, TableRCS):
         return dict.fromkeys(("azimuth", "elevation"), math.degrees(model.detail))
-    nodes = {"azimuth": model.azimuth, "elevation": model.elevation}
-    # two steps of nodes make a lobe
-    return {
-        name: math.inf if values is None else 2.0 * math.degrees(np.min(np.diff(values)))
-        for name, values in nodes.items()
-    }
+    # two steps of nodes make a lobe; its own elevations are among those of the table
+    return {"azimuth": 2.0 * math.degrees(np.min(np.diff(model.azimuth))), "elevation": math.inf}
 
 
 def _add_extremes(

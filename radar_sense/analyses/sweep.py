@@ -20,7 +20,7 @@ from radar_sense.analyses.verdict import (
     requirement,
     worst_band,
 )
-from radar_sense.axis import Axis, steps
+from radar_sense.axis import Axis, steps, widest_of_highest
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Option, Result, command
 from radar_sense.cost import RATE, foresee
 from radar_sense.errors import InputError
@@ -91,7 +91,7 @@ def sweep(
     for done, (one, value) in enumerate(zip(scenarios, values, strict=True)):
         report("values", done, len(values))
         moments = propagate_scenario(one, method=method, beta=k, p_max=threshold)
-        pose = int(np.argmax(np.nan_to_num(moments.p_d, nan=-1.0)))
+        pose = widest_of_highest(moments.p_d, moments.upper - moments.lower)
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
         highest.append((*ends, np.max(moments.upper), 3.0 * np.max(moments.std)))
         if required is not None:

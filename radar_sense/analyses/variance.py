@@ -11,7 +11,7 @@ import numpy as np
 from radar_sense import words
 from radar_sense.acceptance.threshold import PathTest
 from radar_sense.analyses.verdict import AT_LEAST, PROBABILITY, THRESHOLD, K, require, requirement
-from radar_sense.axis import reached
+from radar_sense.axis import reached, widest_of_highest
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Result, Table, command
 from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
@@ -117,7 +117,8 @@ def _bands(scenario: Scenario, band: Band, k: float) -> list[str]:
     width = band.upper - band.lower
     if not np.isfinite(width).any():
         return []
-    widest, highest = (int(np.argmax(reached(x))) for x in (width, band.p_d))
+    widest = int(np.argmax(reached(width)))
+    highest = widest_of_highest(band.p_d, width)
     places = {"the band is widest": widest, "P_D is largest": highest}
     if widest == highest:
         places = {"the band is widest and P_D largest": widest}

@@ -299,4 +299,5 @@ def _trust(tested: PathTest) -> list[str]:
     given = "the rows of the path"
     if scenario.time_s is None:
         given = f"the {scenario.axis.name}s given"
-    return [line, f"{path.added} of the poses {'is' if path.added == 1 else 'are'} between {given}"]
+    between = f"{path.added} of the poses {'is' if path.added == 1 else 'are'} between {given}"
+    return [line, f"{between}; what follows is of {given} alone"]

@@ -116,7 +116,7 @@ class DetectionModel:
         object.__setattr__(self, "p_fa", p_fa)
         check_parameters(self)
         check_rcs(self.rcs)
-        check_detector(self.detector)
+        check_detector(self.detector, p_fa)
 
     @property
     def has_spread(self) -> bool:

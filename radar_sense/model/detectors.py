@@ -30,12 +30,15 @@ from radar_sense.limits import Limit, check_number, check_parameters, parameter
 from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tails
 from radar_sense.model.normal import density, hazard
 from radar_sense.model.probit_table import ProbitTable
-from radar_sense.states import FloatArray
+from radar_sense.states import FloatArray, real_array
 
 #: The accuracy is tested within these limits.
 PULSES = Limit(at_least=1, at_most=1000, whole=True)
 _CELLS = Limit(at_least=1, at_most=1000, whole=True)
 _LOOKS = Limit(at_least=1, at_most=100, whole=True)
+#: What is allowed of a detector of one's own: an error of P_D, a relative error of the slope, and
+#: rounding of S times the slope. And the step of differences, as a part of S.
+_P_D_ERROR, _SLOPE_ERROR, _ROUNDING, _STEP = 1e-3, 0.02, 1e-6, 1e-4
 
 
 class Detector(Protocol):
@@ -53,9 +56,45 @@ class Detector(Protocol):
         ...
 
 
-def check_detector(detector: Any) -> None:
-    """Raise InputError unless an object has the methods of a detector."""
+def check_detector(detector: Any, p_fa: float) -> None:
+    """Raise InputError unless an object is a detector, with a P_D that rises with S.
+
+    A detector of this package is one. Any other is asked at signal-to-noise ratios from −20 to 30
+    dB, and its slope is compared with differences.
+    """
     check_has("detector", detector, ("p_d", "linearize_probit"), "a detector", "Marcum()")
+    if type(detector) in DETECTORS.values():
+        return
+    name, snr = type(detector).__name__, np.geomspace(1e-2, 1e3, 26)
+    with np.errstate(all="ignore"):
+        p_d, (z, slope) = detector.p_d(snr, p_fa), detector.linearize_probit(snr, p_fa)
+        low, high = (detector.linearize_probit(snr * (1.0 + s), p_fa)[0] for s in (-_STEP, _STEP))
+        numeric = (high - low) / (2.0 * _STEP * snr)
+    for what, values in (
+        (f"{name}.p_d", p_d),
+        (f"z of {name}.linearize_probit", z),
+        (f"dz/dS of {name}.linearize_probit", slope),
+    ):
+        array = real_array(what, values)
+        if array.shape != snr.shape:
+            raise InputError(f"{what} must have the shape of S, {snr.shape}, got {array.shape}")
+        lost = np.isnan(array) & ~np.isinf(z)  # z is infinite where P_D rounds to 1
+        if lost.any():
+            raise InputError(f"{what} must be a number, it is NaN at S = {snr[lost][0]:.3g}")
+    error = abs(ndtr(z) - p_d)
+    if np.max(error) > _P_D_ERROR:
+        raise InputError(
+            f"z of {name}.linearize_probit is not the probit of {name}.p_d: P_D differs by "
+            f"{np.max(error):.2g} at S = {snr[np.argmax(error)]:.3g}"
+        )
+    if np.any(z[1:] < z[:-1]):
+        raise InputError(f"P_D of {name} must rise with the signal-to-noise ratio S")
+    off = abs(slope - numeric) > _SLOPE_ERROR * abs(numeric) + _ROUNDING / snr
+    if np.count_nonzero(off) > off.size / 2:  # at a kink there is no slope
+        raise InputError(
+            f"dz/dS of {name}.linearize_probit is not the slope of its z, by differences of it at "
+            f"{np.count_nonzero(off)} of {off.size} S"
+        )
 
 
 D = TypeVar("D", bound=type[Detector])

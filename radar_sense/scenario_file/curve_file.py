@@ -21,7 +21,8 @@ from radar_sense.states import FloatArray
 #: Columns of the two files, the angle first, with the units of SI.
 GAIN_COLUMNS = {"elevation_deg": Column(ELEVATION, DEG), "gain_db": Column(GAIN_DB)}
 MASK_COLUMNS = {"azimuth_deg": Column(AZIMUTH, DEG), "elevation_deg": Column(ELEVATION, DEG)}
-_TURN_DEG = 360.0
+#: A turn, and the least part of it that a mask has: the rest is a straight line.
+_TURN_DEG, _LEAST_DEG = 360.0, 240.0
 
 
 def read_curve(opened: TextFile, columns: Mapping[str, Column]) -> tuple[FloatArray, FloatArray]:
@@ -41,9 +42,9 @@ def read_curve(opened: TextFile, columns: Mapping[str, Column]) -> tuple[FloatAr
         ends = f"{angle[row + 1]:g} after {angle[row]:g}"
         raise file.error(f"{name} must ascend from row to row, got {ends}", int(lines[row + 1]))
     turn = angle[-1] - angle[0]
-    if name == "azimuth_deg" and not 0.5 * _TURN_DEG <= turn <= _TURN_DEG:
-        allowed = f"{0.5 * _TURN_DEG:g} to {_TURN_DEG:g} deg from the first row to the last"
-        raise file.error(f"{name} must go around, {allowed}, got {turn:g}", int(lines[-1]))
+    if name == "azimuth_deg" and not _LEAST_DEG <= turn <= _TURN_DEG:
+        allowed = f"the last row {_LEAST_DEG:g} to {_TURN_DEG:g} deg after the first"
+        raise file.error(f"{name} must go around: {allowed}, got {turn:g}", int(lines[-1]))
     if name == "azimuth_deg" and turn == _TURN_DEG and value[0] != value[-1]:
         ends = f"got {value[0]:g} and {value[-1]:g} at {angle[0]:g} and {angle[-1]:g} deg"
         raise file.error(f"must be the same at both ends of a full turn, {ends}", int(lines[-1]))

@@ -301,8 +301,9 @@ def test_an_antenna_beyond_its_elevations_is_told(tool, tmp_path):
         ({"elevation_gain": "gain.csv"}, {"gain": [(0, 0), (95, -1)]},
          "gain.csv:3: elevation_deg: must be a number not less than -90"),
         ({"mask": "mask.csv"}, {"mask": [(-90, 0), (280, 1)]},
-         "mask.csv:3: azimuth_deg must go around, 180 to 360 deg from the first row to the last, "
+         "mask.csv:3: azimuth_deg must go around: the last row 240 to 360 deg after the first, "
          "got 370"),
+        ({"mask": "mask.csv"}, {"mask": [(0, 0), (180, 1)]}, "mask.csv:3: azimuth_deg must go"),
         ({"mask": "mask.csv"}, {"mask": [(0, 0), (10, 2), (20, 4)]}, "mask.csv:4: azimuth_deg m"),
         ({"mask": "mask.csv"}, {"mask": [(0, 0), (90, 2), (360, 1)]},
          "mask.csv:4: must be the same at both ends of a full turn"),

@@ -626,7 +626,7 @@ def test_a_window_between_two_limits_is_found():
 
 def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
     """Radar and aircraft are at one height, with a mask of 0.1 deg: P_D is 0 on all rays."""
-    (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n0,0.1\n90,0.1\n180,0.1\n")
+    (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n0,0.1\n360,0.1\n")
     levels = {"a": {"position_m": 10, "constant": 0.001}}
     content = swerling1(
         radar__position_m=[0, 0, -1000],

@@ -140,3 +140,19 @@ def test_a_long_sweep_says_so_after_its_first_value(monkeypatch, caplog):
         "the values after the first, if they are like it, take some 12 seconds; "
         "fewer values take less"
     ]
+
+
+def test_of_poses_with_the_same_p_d_the_widest_band_counts():
+    """A sphere on a circle around the radar, whose place is known better in one direction."""
+    sphere = {"model": "constant", "rcs_m2": 0.1}
+    known = {"position_m": [8000, 10, 10], "constant": 0}
+    changes = {"aircraft.rcs": sphere, "uncertainty.radar": {"medium": known}}
+    s = rs.load_scenario(
+        changes={**changes, "geometry.azimuth_deg": "{start: 0, stop: 90, step: 30}"}
+    )
+    table = analyses.variance(s).table
+    width = table["upper_3sigma"] - table["lower_3sigma"]
+    assert np.ptp(table["p_d"]) < 1e-12
+    assert np.ptp(width) > 0.04
+    found = analyses.sweep(s, key="radar.constant", start=167, stop=200, step=33).table
+    assert found["upper"][0] - found["lower"][0] == width.max()

@@ -6,9 +6,13 @@ import pytest
 from helpers import scenario
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose
-from scipy.special import chndtr
+from scipy.special import chndtr, ndtr, ndtri
+from scipy.stats import norm
 
+from radar_sense.errors import InputError
+from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, Marcum, North, Swerling1, Swerling3, linearize
+from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.montecarlo import TAIL, monte_carlo
 
 
@@ -144,3 +148,78 @@ def test_band_by_form_holds_the_draws_of_the_paper_s_orbit(detector, constant):
     low, high = mc.coverage_interval(1 - 1e-4)
     assert (low < 1 - 2 * TAIL).all()
     assert (high > 1 - 2 * TAIL).all()
+
+
+class Own:
+    """A detector of one's own, of the closed form of `Swerling1`."""
+
+    def p_d(self, snr, p_fa):
+        return p_fa ** (1.0 / (1.0 + snr))
+
+    def linearize_probit(self, snr, p_fa):
+        p_d = Own.p_d(self, snr, p_fa)
+        z = ndtri(p_d)
+        return z, -np.log(p_fa) * p_d / (1.0 + snr) ** 2 / norm.pdf(z)
+
+
+class Steep(Own):
+    def linearize_probit(self, snr, p_fa):
+        z, slope = super().linearize_probit(snr, p_fa)
+        return z, 1.05 * slope
+
+
+class Unknown(Own):
+    def linearize_probit(self, snr, p_fa):
+        z, slope = super().linearize_probit(snr, p_fa)
+        return np.where(snr > 100, np.nan, z), slope
+
+
+class Falling(Own):
+    def p_d(self, snr, p_fa):
+        return ndtr(-ndtri(super().p_d(snr, p_fa)))
+
+    def linearize_probit(self, snr, p_fa):
+        z, slope = super().linearize_probit(snr, p_fa)
+        return -z, -slope
+
+
+class Halved(Own):
+    def p_d(self, snr, p_fa):
+        return 0.5 * super().p_d(snr, p_fa)
+
+
+class One(Own):
+    def p_d(self, snr, p_fa):
+        return 0.5
+
+
+class Saturated(Own):
+    """Its z is infinite, and its slope NaN, where P_D rounds to 1."""
+
+    def p_d(self, snr, p_fa):
+        return np.where(snr > 100, 1.0, super().p_d(snr, p_fa))
+
+    def linearize_probit(self, snr, p_fa):
+        z, slope = super().linearize_probit(snr, p_fa)
+        return np.where(snr > 100, np.inf, z), np.where(snr > 100, np.nan, slope)
+
+
+@pytest.mark.parametrize(
+    ("own", "words"),
+    [
+        (Steep, "dz/dS of Steep.linearize_probit is not the slope of its z"),
+        (Unknown, "z of Unknown.linearize_probit must be a number, it is NaN at S = 1"),
+        (Falling, "P_D of Falling must rise with the signal-to-noise ratio S"),
+        (Halved, "z of Halved.linearize_probit is not the probit of Halved.p_d: P_D differs by 0."),
+        (One, r"One.p_d must have the shape of S, \(26,\), got \(\)"),
+    ],
+)
+def test_a_detector_of_ones_own_is_checked(own, words):
+    rcs = ConstantRCS(0.1)
+    for allowed in (Own, Saturated):
+        model = DetectionModel(rcs, p_fa=1e-4, detector=allowed())
+        own_z = model.linearize_probit(np.zeros(6), [1e4, 0, 0, 1e-6])[0]
+        exact = DetectionModel(rcs, p_fa=1e-4, detector=Swerling1())
+        assert own_z == pytest.approx(exact.linearize_probit(np.zeros(6), [1e4, 0, 0, 1e-6])[0])
+    with pytest.raises(InputError, match=words):
+        DetectionModel(rcs, p_fa=1e-4, detector=own())

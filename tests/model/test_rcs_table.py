@@ -558,11 +558,13 @@ def test_what_elevations_may_miss_is_warned_of(here):
     assert len(np.unique(result.table["azimuth_deg"])) == 360
 
 
-def test_the_extremes_of_a_table_are_within_it_and_none_is_missed(here):
-    """Beyond it the outermost values hold, which nobody has measured. Its steps are those here."""
-    nodes = [(a, e) for a in range(0, 360, 30) for e in range(-5, 31, 5)]
-    rows = (f"{a},{e},{100 if (a, e) == (30, 30) else 1}" for a, e in nodes)
+@pytest.mark.parametrize(("step", "top"), [(5, 30), (7, 23), (7, 16)])
+def test_the_extremes_of_a_table_are_within_it_and_none_is_missed(here, step, top):
+    """Beyond it the outermost values hold, which nobody has measured."""
+    nodes = [(a, e) for a in range(0, 360, 30) for e in range(-5, 31, step)]
+    rows = (f"{a},{e},{100 if (a, e) == (30, top) else 1}" for a, e in nodes)
     write(here / "t.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows)
     result = analyses.rcs(scenario(aircraft__rcs={"model": "table", "file": "t.csv"}))
-    assert result.report[0] == "largest RCS 20.0 dBsm at azimuth 30 deg, elevation 30 deg"
+    assert result.report[0] == f"largest RCS 20.0 dBsm at azimuth 30 deg, elevation {top} deg"
+    assert result.table["rcs_m2"].max() == pytest.approx(100, rel=1e-9)
     assert result.warnings == ()
