@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import yaml
 
+from radar_sense import accuracy
 from radar_sense import axis as axes
 from radar_sense.flight import Path as Flight
 from radar_sense.flight import States
@@ -29,6 +30,7 @@ from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.expansion import RelativeProbit, StandardNormalSpace
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file.load import default_text, load_scenario, parse_scenario
+from radar_sense.sources import error_budget
 from radar_sense.uncertain_states import uncertain_states
 
 # The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
@@ -141,6 +143,13 @@ def some_poses(patch, count=5):
     # the public name first, because it is looked up in the module that has it
     for name in ("radar_sense.load_scenario", "radar_sense.scenario_file.load.load_scenario"):
         patch.setattr(name, few)
+
+
+def required(s, limit, *names, k=None, method="automatic"):
+    """Return the accuracy of some of the sources, which takes less than that of all."""
+    goal = accuracy._Goal(s, limit, k, method, of_miss=False)
+    every = tuple(error_budget(s).sources)
+    return {name: goal.required(every if name == "all" else (name,)) for name in names}
 
 
 def stds_of(contributions):

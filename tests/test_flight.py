@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from helpers import scenario, with_arrays, write_path
+from helpers import few_draws, scenario, with_arrays, write_path
 
 import radar_sense as rs
 from radar_sense.flight import Orbit, Path, States
@@ -46,7 +46,8 @@ def test_a_path_at_other_times(tmp_path):
     np.testing.assert_allclose(found.axis.values, [500, 1000 + math.hypot(4000, 1000) / 2])
 
 
-def test_a_path_of_arrays_is_that_of_a_file(tmp_path):
+def test_a_path_of_arrays_is_that_of_a_file(tmp_path, monkeypatch):
+    few_draws(monkeypatch)
     s = rs.load_scenario(write_path(tmp_path, ROUTE, radar__scan_period_s=7))
     path = rs.Path.of([0, 10, 30], s.aircraft, s.cov_aircraft)
     made = rs.Scenario(radars=s.radars, geometry=path, level=s.level, method=s.method)

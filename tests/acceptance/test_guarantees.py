@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import csv_text, document, scenario, write_path, yaml_text
+from helpers import csv_text, document, required, scenario, write_path, yaml_text
 from reference import reading
 from routes import HEAD, POSE_HEAD
 from scipy.constants import Boltzmann
@@ -246,8 +246,7 @@ def test_a_factor_of_a_budget_is_confirmed_by_plain_draws_of_another_program():
     folder = Path(__file__).parents[1] / "studies/cases"
     s = rs.load_scenario(folder / "bud_b.yaml")
     s = s.at_poses(np.flatnonzero(s.axis.values == 30))
-    result = analyses.budget(s, method="automatic", target=0.5, at=30)
-    factor = result.summary["target"]["required_accuracy"]["all"]["factor"]
+    factor = required(s, 0.5, "all")["all"].factor
     assert 3.3 < factor <= 3.62
     azimuth, rows, problem = cases.read("bud_b")
     (row,) = rows[azimuth == 30]

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 import yaml
-from helpers import OVERHEAD, SOURCES, document, scenario, shares_of, stds_of, yaml_text
+from helpers import OVERHEAD, SOURCES, document, required, scenario, shares_of, stds_of, yaml_text
 from scipy.constants import Boltzmann
 from scipy.special import erfc
 from scipy.stats import norm
@@ -212,7 +212,8 @@ def test_tiny_targets_are_reached(method):
 def test_factors_beyond_the_values_of_a_method_are_not_known(monkeypatch):
     monkeypatch.setattr(form, "ITERATIONS", 20)  # a search that fails takes all of them
     s = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
-    for source, found in required_accuracies(s, 1.5, method="form").items():
+    some = required(s, 1.5, "radar_constant", "aircraft_orientation", method="form")
+    for source, found in some.items():
         # a constant that is nothing or huge makes P_D 0 or 1, and 3σ of that is not above 1.5
         assert found.known == (source == "radar_constant")
         assert found.factor > 5
@@ -223,9 +224,9 @@ def test_factors_beyond_the_values_of_a_method_are_not_known(monkeypatch):
     spiky = spiky.at_poses(unknown[:1])
     result = analyses.budget(spiky, method="form", target=0.02)
     # draws answer in place of the method
-    required = result.summary["target"]["required_accuracy"]
-    assert not any(found["unlimited"] for found in required.values())
-    for name, found in required.items():
+    by_name = result.summary["target"]["required_accuracy"]
+    assert not any(found["unlimited"] for found in by_name.values())
+    for name, found in by_name.items():
         if name == "all":
             assert 0 < found["factor"] < 1
             assert not found["known"]
@@ -258,13 +259,6 @@ def many_draws(monkeypatch):
     monkeypatch.setattr(module, "MANY", MANY)
 
 
-def required(s, limit, *names):
-    """The accuracy of some of the sources, by draws where `form` is off."""
-    goal = module._Goal(s, limit, None, "automatic", of_miss=False)
-    every = tuple(error_budget(s).sources)
-    return {name: goal.required(every if name == "all" else (name,)) for name in names}
-
-
 def three_sigma_at_a_limit(near, edge, aircraft, runs=100_000):
     """3 sigma of P_D of `AT_A_LIMIT`, with factors on the deviations, by plain draws."""
     rng, missed = np.random.default_rng(7), 1.0
@@ -288,19 +282,14 @@ def test_a_limit_in_reach_of_errors_bounds_the_factors():
     s = parse_scenario(AT_A_LIMIT)
     assert three_sigma_at_a_limit(1, 1, 1) > 0.25
     assert three_sigma_at_a_limit(1, 1e6, 1) < 0.1
-    found_at = required(s, 0.2, "aircraft_position", "edge", "all")
-    alone = found_at["aircraft_position"]
+    found = required(s, 0.2, "aircraft_position", "edge")
+    alone = found["aircraft_position"]
     assert (alone.factor, alone.known) == (None, True)
     assert alone.residual_from == "edge"
     assert alone.residual == pytest.approx(0.278, rel=0.12)
-    for name in ("edge", "all"):
-        factor = found_at[name].factor
-        own = (1, factor, 1) if name == "edge" else (factor,) * 3
-        assert three_sigma_at_a_limit(*own) == pytest.approx(0.2, rel=0.1)
-    grown = required(s, 0.5, "edge", "aircraft_orientation", "aircraft_position")
-    assert three_sigma_at_a_limit(1, grown["edge"].factor, 1) == pytest.approx(0.5, rel=0.1)
-    assert grown["aircraft_orientation"].factor == np.inf
-    assert three_sigma_at_a_limit(1, 1, grown["aircraft_position"].factor) < 0.55
+    grown = required(s, 0.5, "edge")
+    for limit, edge in ((0.2, found["edge"]), (0.5, grown["edge"])):
+        assert three_sigma_at_a_limit(1, edge.factor, 1) == pytest.approx(limit, rel=0.1)
 
 
 @pytest.mark.usefixtures("many_draws")
@@ -312,9 +301,10 @@ def test_a_growth_that_meets_a_limit_is_not_allowed():
     content["radars"][0]["uncertainty"] = {"s": {"position_m": 10, "constant": 0.5}}
     content["uncertainty"]["aircraft"]["position_m"] = 100
     content["geometry"]["range_km"] = 120
-    found = required_accuracies(parse_scenario(yaml_text(content)), 0.2, method="automatic")
+    positions = ("aircraft_position", "radar_position")
+    found = required(parse_scenario(yaml_text(content)), 0.2, *positions, "radar_constant")
     normals = np.random.default_rng(1).standard_normal((400_000, 3))
-    for name, std in (("aircraft_position", 100), ("radar_position", 10)):
+    for name, std in zip(positions, (100, 10), strict=True):
         # P_D is 1 where an error brings the aircraft into range
         line = [120e3, 0, -2980] + found[name].factor * std * normals
         inside = np.mean(np.linalg.norm(line, axis=1) < 100e3)

@@ -308,8 +308,9 @@ def test_bearings_are_no_poses_and_rounding_is_zero():
     [(None, ""), (-3, ""), (0, ""), (3, "[below-ground]"), (-1000, "[too-high]")],
 )
 def test_a_height_that_an_option_does_not_mean_is_warned_of(name, down_km, told):
-    """With the origin of the corridor far radars are below its plane, by the curve of the earth."""
+    """`north` is far from the origin of the corridor, below its plane by the curve of the earth."""
     s = rs.load_scenario(f"configs/{name}.yaml")
+    s = for_radar(s, "north") if name == "corridor" else s
     warnings = detection_range(s, method="linear", down_km=down_km, **QUICK).warnings
     options = {"north_km": (10, 20), "east_km": (10, 20), "step_km": 10, "down_km": down_km}
     of_map = rs.analyses.coverage_map(s, **options).warnings

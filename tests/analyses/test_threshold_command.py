@@ -56,7 +56,7 @@ def test_threshold_report_and_record(tool):
     assert tool("variance", file, "--no-plot", "--method", "form").code == 0
     upper = read_table("figures/flight_variance.csv")["upper_3sigma"]
     p_max = 0.5 * (np.sort(upper)[140] + np.sort(upper)[141])
-    code, out, _ = tool("variance", file, "--threshold", p_max, "--method", "form")
+    code, out, _ = tool("variance", file, "--threshold", p_max, "--method", "form", "--no-plot")
     assert code == 3
     found = read_table("figures/flight_variance.csv")
     test = read_record("figures/flight_variance.json")["summary"]["threshold"]
@@ -87,7 +87,7 @@ def test_threshold_report_and_record(tool):
     (first_at,) = re.findall(rf"of 1400 s \({share:.1%}\), first at (\d+) m$", out, re.MULTILINE)
     assert float(first_at) == pytest.approx(passed, abs=10)
     clear = min(1, upper.max() + 0.05)
-    code, out, _ = tool("variance", file, "--threshold", clear, "--method", "form")
+    code, out, _ = tool("variance", file, "--threshold", clear, "--method", "form", "--no-plot")
     assert code == 0
     assert out.startswith("holds at every pose")
     assert "first at" not in out

@@ -8,7 +8,7 @@ from functools import cache
 import click
 import pytest
 from click.testing import CliRunner
-from helpers import CONFIGS, ROOT, few_judging_draws, some_poses, without_pixels
+from helpers import CONFIGS, ROOT, few_draws, few_judging_draws, some_poses, without_pixels
 
 from radar_sense.cli import cli
 
@@ -76,7 +76,10 @@ of_the_paper = cache(run)
 
 @pytest.mark.parametrize("page", pages_with(r"^\$ radar-sense"), ids=lambda page: page.stem)
 def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
-    """A command of which nothing is shown runs at some five poses."""
+    """A command of which nothing is shown runs at some five poses.
+
+    A mission has a quarter of its draws: bounds of the times that are shown are whole looks.
+    """
     without_pixels(monkeypatch)
     for line, shown in commands(page):
         if not line.startswith("radar-sense"):
@@ -91,12 +94,14 @@ def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
         runner = run if ".yaml" in line or not shown or not writes else of_the_paper
         with pytest.MonkeyPatch.context() as patch:
             short = not shown and "--out" not in line and writes
-            if short or "--method form" in line:
+            few_draws(patch, 2048, replicates=8)
+            if short or "--method form" in line or "s_band" in line:
                 few_judging_draws(patch)
             if short:
                 if name != "sweep":  # which reads the file for each value
                     some_poses(patch)
-                options += ["--step-km=50"] * (name == "map" and "--step-km" not in line)
+                step = {"map": "--step-km=50", "range": "--step-deg=90"}.get(name, "")
+                options += [step] * (step.partition("=")[0] not in line)
             result = runner(line, *options)
         answer_is_no = (
             re.search("--threshold|--at-least", line) and "sweep" not in line

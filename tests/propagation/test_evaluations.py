@@ -182,14 +182,14 @@ def test_a_distribution_for_other_covariances(method):
 
 def test_a_second_question_makes_no_draw_twice(monkeypatch):
     """Each question wants other numbers of draws at the poses, and gets what it would alone."""
-    states, made = rs.load_scenario().at_poses(slice(0, None, 60)).states(), Counter()
+    states, made = rs.load_scenario().at_poses(slice(0, None, 100)).states(), Counter()
 
     def counted(states, draws, *args):
         made.update((tuple(pose), draws) for pose in states.aircraft)
         return estimate(states, draws, *args)
 
     monkeypatch.setattr("radar_sense.propagation.staged.estimate", counted)
-    staged, wanted = StagedDraws(states, 3.0), FIRST * GROWTH ** np.arange(5)
+    staged, wanted = StagedDraws(states, 3.0), FIRST * GROWTH ** np.arange(4)
     for last in (np.resize(wanted, len(states)), np.resize(wanted[::-1], len(states))):
         drawn = staged.until(lambda rows, found, last=last: found.draws >= last[rows], LAST)
         np.testing.assert_array_equal(drawn.draws, last)
