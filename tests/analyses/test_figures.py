@@ -302,8 +302,7 @@ def test_ten_thousand_runs_make_a_small_file_that_says_so():
     s = scenario(geometry__azimuth_deg=AZIMUTHS).with_analysis(runs=10_000)
     figure = analyses.montecarlo(s, workers=2).plot()
     assert any("500 of 10000 runs" in text.get_text() for text in figure.legends[0].get_texts())
-    for kind in ("pdf", "svg"):
-        assert len(plotting.render(figure, kind)) < 1_000_000
+    assert len(plotting.render(figure, "svg")) < 1_000_000  # a PDF is compressed
 
 
 def test_two_panels_of_the_monte_carlo_figure():
@@ -391,7 +390,8 @@ def test_many_runs_of_many_poses_make_a_picture_of_the_same_size():
 def test_axes_of_ones_own(name):
     """The figure has what `plot()` draws, on these axes and no others but colour bars."""
     analysis, kinds = POLAR.get(name, (ALL.get(name, analyses.map), None))
-    result = analysis(load_scenario())
+    coarse = {"map": {"step_km": 50}, "range": {"step_deg": 30}}.get(name, {})
+    result = analysis(load_scenario(), **coarse)
     count = len([axes for axes in result.plot().axes if axes.get_label() != "<colorbar>"])
     figure = plotting.Figure()
     kinds_of = enumerate(kinds or [None] * count)

@@ -125,7 +125,10 @@ uncertainty:
 
 FOUND = {
     "at the radar": (AT_THE_RADAR, "detectors --method probit --p-d 0.67 --no-plot"),
-    "no answer between": (NO_ANSWER_BETWEEN, "budget --threshold 0.999999 --no-plot"),
+    "no answer between": (
+        NO_ANSWER_BETWEEN,
+        "budget --threshold 0.999999 --at 0.4434383581784298 --no-plot",
+    ),
     "tiny variance": (TINY_VARIANCE, "sensitivity --no-plot"),
     "huge tolerance": (HUGE_TOLERANCE, "sensitivity --method form --no-plot"),
     "far below": (FAR_BELOW, "range --step-deg 30 --no-plot"),
