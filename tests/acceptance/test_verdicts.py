@@ -133,7 +133,7 @@ def test_draws_decide():
 
 
 @pytest.mark.parametrize("seed", [1, 3])
-@pytest.mark.parametrize("k", [2.999, 2.9999, 3.0001, 3.001])
+@pytest.mark.parametrize("k", [2.9999, 3.0001])
 def test_no_verdict_is_wrong_just_beside_the_limit(seed, k):
     """Only c_r is uncertain, and P(P_D > P_max) is Φ(−k). A stratum of the draws ends at Φ(3)."""
     certain = {"position_m": 0, "attitude_deg": 0}

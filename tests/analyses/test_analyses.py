@@ -231,7 +231,8 @@ def test_compare_names_no_method_that_has_no_value(stop, monkeypatch):
     assert not nearest or f" {nearest[1]} at " in row[:38]
 
 
-def test_compare_at_another_k():
+def test_compare_at_another_k(monkeypatch):
+    small_batches(monkeypatch)
     s, compare = compared(level="high")
     table = compare(k=2).table
     for method in METHODS:

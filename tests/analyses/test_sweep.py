@@ -133,6 +133,7 @@ def test_the_figure_has_the_band_of_the_table():
 
 
 def test_a_long_sweep_says_so_after_its_first_value(monkeypatch, caplog):
+    caplog.set_level("WARNING", "radar_sense")
     clock = iter([0.0, 6.0])
     monkeypatch.setattr(time, "process_time", lambda: next(clock))
     analyses.sweep(rs.load_scenario(), **SWEPT)

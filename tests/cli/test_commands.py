@@ -178,19 +178,19 @@ def test_help_errors_init_and_completion_do_not_load_the_slow_packages(tmp_path)
 @pytest.mark.parametrize(("command", "kind"), [("montecarlo", "pdf"), ("map", "svg")])
 def test_files_their_names_and_formats(tool, command, kind):
     """A figure of lines with pixels, and an image."""
-    kinds = ["png", kind]
-    args = [command, *few(command), *(f"--format={kind}" for kind in [*kinds, "png"])]
+    kinds = ["png"] * (command == "map") + [kind]
+    args = [command, *few(command), *(f"--format={kind}" for kind in [*kinds, kinds[0]])]
     code, out, _ = tool(*args)
     assert code == 0
     found, stem = files(), f"paper_{command}"
     data = "npz" if command == "map" else "csv"
     assert sorted(found) == sorted(f"{stem}.{kind}" for kind in (data, "json", *kinds))
     assert {str(Path("figures", name)) for name in found} <= {*out.splitlines()}
-    assert found[f"{stem}.png"].startswith(b"\x89PNG\r\n\x1a\n")
     if command == "montecarlo":
         assert found[f"{stem}.pdf"].startswith(b"%PDF-")
         assert found[f"{stem}.pdf"].rstrip().endswith(b"%%EOF")
     else:  # the same again is the same to the last bit, in every file
+        assert found[f"{stem}.png"].startswith(b"\x89PNG\r\n\x1a\n")
         assert ET.fromstring(found[f"{stem}.svg"]).tag == "{http://www.w3.org/2000/svg}svg"
         assert tool(*args).code == 0
         assert files() == found

@@ -233,6 +233,7 @@ def test_a_method_without_a_result_differs():
 
 
 def test_a_long_computation_says_so_before_it_starts(monkeypatch, caplog):
+    caplog.set_level("WARNING", "radar_sense")  # a command with -q hears none
     monkeypatch.setattr(cost, "SECONDS", 2 * PRECISE * cost.EMPHASIS / cost.RATE)
     validate(gaussian(std=0.02, poses=1), digits=1)
     assert not caplog.records
