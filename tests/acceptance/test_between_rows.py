@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers import csv_text, write_path
+from helpers import csv_text, required, write_path
 from routes import HEAD, POSE_HEAD, triangle
 from scipy.constants import Boltzmann
 from scipy.special import ndtr
@@ -16,6 +16,8 @@ from scipy.special import ndtr
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.acceptance import refinement
+from radar_sense.acceptance.threshold import path_test
+from radar_sense.propagation import band_of_scenario
 from radar_sense.propagation.staged import MANY
 
 #: How draws judge a method is tested in `test_verdicts` and `test_guarantees`.
@@ -82,9 +84,10 @@ def test_the_accuracy_that_a_ring_beside_the_route_needs(tmp_path, monkeypatch):
     rows, sphere = "0,-4000,100020,0\n60,4000,100020,0\n", {"model": "constant", "rcs_m2": 1}
     errors = {"position_m": 10, "attitude_deg": 1}
     s = flight(tmp_path, rows, [radar(2000, max_range_km=100)], sphere, errors)
-    required = analyses.budget(s, threshold=LIMIT).summary["threshold"]["required_accuracy"]
-    factor = math.sqrt((20 / 3) ** 2 - 1) / 10
-    assert required["aircraft_position"]["factor"] == pytest.approx(factor, rel=0.02)
+    band = band_of_scenario(s, method="automatic")
+    path = path_test(s, "automatic", LIMIT, 3.0, band, True).path
+    (found,) = required(path.scenario, LIMIT, "aircraft_position", k=3.0).values()
+    assert found.factor == pytest.approx(math.sqrt((20 / 3) ** 2 - 1) / 10, rel=0.02)
 
 
 def test_an_rcs_that_is_badly_known_at_one_aspect(tmp_path):
@@ -159,7 +162,7 @@ def banked(folder, step, method="legs", **place):
 
 
 def test_a_bank_in_the_file_between_two_poses_of_a_coarse_step(tmp_path):
-    fine, *coarse = (banked(tmp_path, step) for step in (2, 20, 2400))
+    fine, *coarse = (banked(tmp_path, step) for step in (5, 20, 2400))
     expected = analyses.variance(fine, threshold=LIMIT).summary["threshold"]
     assert expected["verdict"] == "violated"
     assert expected["above_s"] == pytest.approx(15, abs=3)

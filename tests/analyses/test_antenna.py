@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import csv_text, document, network_document, scenario, slopes, yaml_text
 from numpy.testing import assert_allclose
-from routes import GEO, HEAD
+from routes import GEO
 from scenario_file.earth import to_ned
 from scipy.constants import Boltzmann
 from scipy.interpolate import PchipInterpolator
@@ -192,25 +192,6 @@ def test_sight_is_certain_where_it_says_so(masked):
     low, high = mask.clearance_within(below, np.zeros(4), np.array(100.0))
     assert low <= np.deg2rad(-90 - 4)
     assert high >= np.deg2rad(90 + 2)
-
-
-def test_a_gap_of_the_mask_between_two_rows_is_found(tool, tmp_path):
-    """The terrain hides the whole path but for a notch of 160 m between two rows."""
-    files(tmp_path, mask=[(0, 30), (30, 30), (30.1, 0), (30.3, 0), (30.4, 30), (360, 30)])
-    rows = [(60 * i, 4e4, 1.5e4 + 9e3 * i, -3000) for i in range(4)]
-    (tmp_path / "route.csv").write_text(csv_text(HEAD, rows))
-    small = {"low": {"position_m": 1, "constant": 0.1}}
-    made(
-        tmp_path,
-        aircraft={"rcs": SPHERE},
-        radar__mask="mask.csv",
-        geometry={"type": "path", "file": "route.csv"},
-        uncertainty={"aircraft": {"position_m": 1, "attitude_deg": 0.1}, "radar": small},
-        analysis={"level": "low"},
-    )
-    done = tool("variance", "my.yaml", "--threshold", "0.1", "--no-plot")
-    assert done.code == 3
-    assert "VIOLATED" in done.out
 
 
 def test_a_radar_on_earth_has_its_own_vertical(tmp_path):

@@ -306,9 +306,11 @@ def test_bearings_are_no_poses_and_rounding_is_zero():
 def test_a_height_that_an_option_does_not_mean_is_warned_of(name):
     """`south` is far from the origin of the corridor, below its plane by the curve of the earth."""
     s = rs.load_scenario(f"configs/{name}.yaml")
-    s = for_radar(s, "south") if name == "corridor" else s
+    heights = [(None, ""), (0, ""), (3, "[below-ground]"), (-1000, "[too-high]")]
+    if name == "corridor":
+        s, heights = for_radar(s, "south"), heights[1:3]
     cells = {"north_km": (10, 20), "east_km": (10, 20), "step_km": 10}
-    for down_km, told in ((None, ""), (0, ""), (3, "[below-ground]"), (-1000, "[too-high]")):
+    for down_km, told in heights:
         of_range = detection_range(s, method="linear", down_km=down_km, **QUICK).warnings
         of_map = rs.analyses.coverage_map(s, down_km=down_km, **cells).warnings
         for texts in (of_range, of_map):
