@@ -115,6 +115,12 @@ def write_path(folder, text, name="scenario.yaml", /, **changes):
     return file
 
 
+@cache
+def corridor():
+    """Return the scenario of the corridor, which takes a third of a second to read."""
+    return load_scenario(CONFIGS / "corridor.yaml")
+
+
 def lay_out(figure):
     """Lay a figure out as rendering does, without drawing, which takes longer."""
     from radar_sense import plotting

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import CONFIGS, ROOT, assert_same_scenario, scenario
+from helpers import CONFIGS, ROOT, assert_same_scenario, corridor, scenario
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -133,7 +133,7 @@ def test_the_record_has_what_is_not_of_the_file():
 
 def test_a_network_whose_radars_moved_has_its_states_in_the_record(monkeypatch):
     monkeypatch.chdir(ROOT)
-    s = rs.load_scenario("configs/corridor.yaml")
+    s = corridor()
     first, second, *others = s.radars
     moved = dataclasses.replace(second, state=second.state + np.eye(4)[0])
     record = dataclasses.replace(s, radars=[first, moved, *others]).resolved()
@@ -224,7 +224,7 @@ def test_the_embedded_scenario_is_the_one_in_configs():
 
 
 def test_a_flight_is_pickled_without_its_spline():
-    s = rs.load_scenario(CONFIGS / "corridor.yaml")
+    s = corridor()
     before = pickle.dumps(s.geometry)
     between = s.geometry.at(s.geometry.coordinate[:2] + 1.0)
     assert pickle.dumps(s.geometry) == before

@@ -3,12 +3,12 @@
 import dataclasses
 import math
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import (
     OVERHEAD,
+    corridor,
     cov_by_level,
     scenario,
     sheet_scenario,
@@ -460,8 +460,7 @@ def test_places_of_a_path_are_in_the_table(tmp_path):
     names = list(analyses.variance(s).table)
     assert names[-3:] == ["north_m", "east_m", "down_m"]
     np.testing.assert_array_equal(analyses.variance(s).table["north_m"], [-4e5, 4e5])
-    corridor = rs.load_scenario(Path("configs/corridor.yaml")).at_poses(slice(0, 3))
-    table = analyses.variance(corridor).table
+    table = analyses.variance(corridor().at_poses(slice(0, 3))).table
     # bounds by draws have their error after the places
     assert [name for name in table if name != "error_3sigma"][-6:] == [
         "north_m", "east_m", "down_m", "latitude_deg", "longitude_deg", "altitude_m"

@@ -12,7 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import CONFIGS, OVERHEAD, read_record, scenario, sheet_scenario, with_arrays, yaml_text
+from helpers import (
+    CONFIGS,
+    OVERHEAD,
+    corridor,
+    read_record,
+    scenario,
+    sheet_scenario,
+    with_arrays,
+    yaml_text,
+)
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
@@ -356,7 +365,7 @@ def test_answer_and_files(tool):
 
 
 def test_poses_beyond_a_limit_have_no_margin():
-    s = rs.load_scenario(CONFIGS / "corridor.yaml").at_poses(slice(0, None, 100))
+    s = corridor().at_poses(slice(0, None, 100))
     result = rs.analyses.detectors(s, p_d=0.9, radar="north", method="linear")
     seen = s.model.visible(s.aircraft, s.radar)[:, list(s.model.names).index("north")]
     assert 0 < seen.sum() < len(seen)

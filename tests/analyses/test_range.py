@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers import CONFIGS, document, scenario, sheet_document, with_arrays, yaml_text
+from helpers import CONFIGS, corridor, document, scenario, sheet_document, with_arrays, yaml_text
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
@@ -305,10 +305,9 @@ def test_bearings_are_no_poses_and_rounding_is_zero():
 @pytest.mark.parametrize("name", ["paper", "corridor"])
 def test_a_height_that_an_option_does_not_mean_is_warned_of(name):
     """`south` is far from the origin of the corridor, below its plane by the curve of the earth."""
-    s = rs.load_scenario(f"configs/{name}.yaml")
-    heights = [(None, ""), (0, ""), (3, "[below-ground]"), (-1000, "[too-high]")]
+    s, heights = scenario(), [(None, ""), (0, ""), (3, "[below-ground]"), (-1000, "[too-high]")]
     if name == "corridor":
-        s, heights = for_radar(s, "south"), heights[1:3]
+        s, heights = for_radar(corridor(), "south"), heights[1:3]
     cells = {"north_km": (10, 20), "east_km": (10, 20), "step_km": 10}
     for down_km, told in heights:
         of_range = detection_range(s, method="linear", down_km=down_km, **QUICK).warnings
@@ -658,6 +657,6 @@ def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
 
 def test_a_ray_without_a_bound_is_no_error_with_an_origin(monkeypatch):
     monkeypatch.setattr("radar_sense.coverage.rays.reach_of_bound", lambda *_: np.full(2, np.nan))
-    s = for_radar(rs.load_scenario(CONFIGS / "corridor.yaml"), "west")
+    s = for_radar(corridor(), "west")
     seen = survey(rays(s, np.array([0.0, 1.0]), by_aspect=False, down=None, course=None))
     assert np.isnan(reach_of_quantile(seen, 0.5, "form", 3.0)).all()

@@ -9,6 +9,7 @@ import pytest
 from earth import flight
 from helpers import (
     CONFIGS,
+    corridor,
     csv_text,
     document,
     lay_out,
@@ -239,7 +240,7 @@ def steep(folder, rows):
 
 def test_the_worst_heading_of_a_network_on_the_round_earth():
     """Radars whose lobes are at different headings; the heading is relative to each cell."""
-    s = rs.load_scenario(CONFIGS / "corridor.yaml")
+    s = corridor()
     assert s.origin is not None
     assert len(s.model.radars) > 1
 

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from helpers import (
     CONFIGS,
+    corridor,
     cov_by_level,
     few_draws,
     lay_out,
@@ -241,7 +242,7 @@ def test_the_route_of_the_corridor_is_what_its_script_makes():
 
 
 def test_the_numbers_of_the_corridor_example(monkeypatch):
-    s = rs.load_scenario(CONFIGS / "corridor.yaml")
+    s = corridor()
     time = s.time_s
     assert np.sum(np.hypot(*np.diff(s.aircraft[:, :2], axis=0).T)) > 1.04e6
     lin = s.model.linearize(s.aircraft, s.radar)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from helpers import CONFIGS, scenario
+from helpers import CONFIGS, corridor, scenario
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ndtr
 from studies.bands import package, truth
@@ -291,7 +291,7 @@ def test_a_pose_does_not_depend_on_the_others(method):
 
 def test_small_bounds_of_the_corridor_are_those_of_plain_draws():
     """FORM has lower bounds here that are too high by up to 40 %, which is 0.001 at most."""
-    s = rs.load_scenario(CONFIGS / "corridor.yaml")
+    s = corridor()
     s = s.at_poses(np.flatnonzero(np.isin(s.time_s, [1758, 1944, 1962])))
     truth = estimate(s.states(), 2**17, 3.0, plain=True)
     form, found = (propagate_scenario(s, method=method) for method in ("form", "automatic"))
