@@ -1,6 +1,7 @@
 """The budget: sums of shares, indices in closed form, and required accuracies."""
 
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -151,14 +152,14 @@ def test_required_accuracies_between_the_azimuths_of_a_table(goal, limit, sweep)
     rows = len(results[0].table["theta_r_deg"])
     assert sparse["poses_between_rows"] == sparse["poses"] - rows > 2 * rows
     assert dense["poses_between_rows"] == 0
-    alone = required_accuracies(few, limit, k=3.0 if goal == "threshold" else None, method="probit")
+    of_rows = partial(required, few, limit, k=3.0 if goal == "threshold" else None, method="probit")
     assert dense["required_accuracy"]["all"]["factor"] is not None
     for source, accuracy in dense["required_accuracy"].items():
         found = sparse["required_accuracy"][source]
         assert (found["factor"] is None) == (accuracy["factor"] is None)
         if found["factor"] is not None:
             assert found["factor"] == pytest.approx(accuracy["factor"], rel=0.02)
-            assert found["factor"] < 0.95 * alone[source].factor
+            assert found["factor"] < 0.95 * of_rows(source)[source].factor
     assert f"and at {sparse['poses_between_rows']} between them" in str(results[0].report)
     one = analyses.budget(few, **{goal: limit}, at=start, method="probit").summary[goal]
     assert (one["poses"], one["poses_between_rows"], one["at_deg"]) == (1, 0, start)

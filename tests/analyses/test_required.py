@@ -125,9 +125,9 @@ def test_a_threshold_that_holds_requires_nothing(part):
     p_max = round(true + part * (form - true), 4)
     assert form > true < p_max
     assert rs.analyses.variance(s, threshold=p_max).passed
-    by_name = rs.analyses.budget(s, threshold=p_max).summary["threshold"]["required_accuracy"]
-    assert all(found["factor"] >= 1 for found in by_name.values()), by_name
-    assert not by_name["radar_constant_gain_dbi"]["known"]
+    by_name = required(s, p_max, "aircraft_position", "radar_constant_gain_dbi", "all", k=3.0)
+    assert all(found.factor >= 1 for found in by_name.values()), by_name
+    assert not by_name["radar_constant_gain_dbi"].known
 
 
 @pytest.mark.parametrize(("side", "above"), [("max", 0.0), ("min", 0.003)])

@@ -112,9 +112,9 @@ def test_every_command_has_examples_that_run(tool, monkeypatch, command):
         Path("my.yaml").write_text(text.replace("scan_period_s: 10", "scan_period_s: 60"))
     elif command != "init":
         assert tool("init", "my.yaml").code == 0
-        Path("my.yaml").write_text(Path("my.yaml").read_text().replace("step: 0.5", "step: 30"))
+        Path("my.yaml").write_text(Path("my.yaml").read_text().replace("step: 0.5", "step: 60"))
         text = (CONFIGS / "network.yaml").read_text()
-        Path("network.yaml").write_text(text.replace("step: 0.5", "step: 60"))
+        Path("network.yaml").write_text(text.replace("step: 0.5", "step: 90"))
     if command == "diff":
         for folder in ("before", "after"):
             assert tool("budget", "my.yaml", "--no-plot", "--out", folder).code == 0

@@ -132,7 +132,7 @@ FOUND = {
     "tiny variance": (TINY_VARIANCE, "sensitivity --no-plot"),
     "huge tolerance": (HUGE_TOLERANCE, "sensitivity --method form --no-plot"),
     "far below": (FAR_BELOW, "range --step-deg 30 --no-plot"),
-    "no upper bound": (NO_UPPER_BOUND, "range --step-deg 81 --format png"),
+    "no upper bound": (NO_UPPER_BOUND, "range --step-deg 81 --format svg"),
     "no lower bound": (NO_LOWER_BOUND, "range --step-deg 90 --no-plot"),
     "NaN of a position": (NAN_OF_A_POSITION, "budget --method form --no-plot"),
 }

@@ -351,7 +351,7 @@ def test_names_of_levels_are_text(tool, level):
     scenario = accepted(lines)
     assert (scenario.levels, scenario.level) == ((level,), level)
     # levels are labels in figures too
-    code, _, err = tool("sensitivity", write(yaml_text(lines)))
+    code, _, err = tool("sensitivity", write(yaml_text(lines)), "--format", "svg")
     assert code == 0
     assert all(line.startswith("Warning: ") for line in err.splitlines())
 
