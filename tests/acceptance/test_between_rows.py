@@ -16,6 +16,7 @@ from scipy.special import ndtr
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.acceptance import refinement
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import path_test
 from radar_sense.propagation import band_of_scenario
 from radar_sense.propagation.staged import MANY
@@ -85,7 +86,7 @@ def test_the_accuracy_that_a_ring_beside_the_route_needs(tmp_path, monkeypatch):
     errors = {"position_m": 10, "attitude_deg": 1}
     s = flight(tmp_path, rows, [radar(2000, max_range_km=100)], sphere, errors)
     band = band_of_scenario(s, method="automatic")
-    path = path_test(s, "automatic", LIMIT, 3.0, band, True).path
+    path = path_test(s, "automatic", Requirement(LIMIT), band).path
     (found,) = required(path.scenario, LIMIT, "aircraft_position", k=3.0).values()
     assert found.factor == pytest.approx(math.sqrt((20 / 3) ** 2 - 1) / 10, rel=0.02)
 
