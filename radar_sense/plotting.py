@@ -73,6 +73,7 @@ _SETTINGS: dict[Any, Any] = {
     "axes.grid": True,
     "grid.color": "0.88",
     "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
     "xtick.direction": "in",
     "ytick.direction": "in",
     "legend.frameon": False,
@@ -376,6 +377,7 @@ def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], Flo
         axes[-1].set_xticks(coordinates)
     else:
         axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=shown.steps))
+        axes[-1].ticklabel_format(axis="x", scilimits=(-3, 6))
     for ax in axes:
         ax.margins(x=0)
     return axes, coordinates
@@ -418,7 +420,8 @@ def display_unit(axis: Axis) -> DisplayUnit:
     """Choose the unit of an axis. A long distance is in km."""
     if axis.key == "distance_m" and float(np.ptp(axis.values)) >= 4e3:
         return DisplayUnit("Distance flown [km]", 1e3)
-    return _UNITS.get(axis.key) or DisplayUnit(key_in_words(axis.name))
+    name, unit = split_unit(axis.name)[0], ascii_unit(axis.name)
+    return _UNITS.get(axis.key) or DisplayUnit(f"{name} [{unit}]" if unit else name)
 
 
 def draw_shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | None) -> None:

@@ -48,6 +48,8 @@ from radar_sense.words import heading, placed, probability, warning
 LEVELS = (0.1, 0.5, 0.9)
 #: Most rows and columns of the cells at which the method is checked.
 SAMPLED = 20
+#: Height over width below which the scale of a map is below it, and not beside it.
+FLAT = 0.4
 #: The default of the ends of the map.
 AROUND = "around radars and path"
 
@@ -291,9 +293,10 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
     shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
 
-    plotting.set_height(
-        figure, 0.75 + min(2.25 * plotting.nominal_width(figure) / 3.5, 3.6) * shape
-    )
+    flat = shape < FLAT
+    height = min(2.25 * plotting.nominal_width(figure) / 3.5, 3.6) * shape
+    plotting.set_height(figure, (1.5 if flat else 0.75) + height)
+    figure.set_layout_engine("compressed")  # for a fixed aspect
     axes = figure.subplots()
     axes.grid(visible=False)
     title = _pose_in_words(result.summary).replace(", roll", "\nroll")  # else too wide
@@ -314,18 +317,17 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
         ax=axes,
         label=name if bounded else of_headings if worst else r"Probability of detection $P_D$",
         extend="max" if high > 1 else "neither",
-        fraction=0.05,
-        pad=0.03,
+        **({"location": "bottom", "aspect": 40} if flat else {"fraction": 0.05, "pad": 0.03}),
     )
     levels, thin = result.summary["contours"], plotting.points(0.8)
     drawn = {v: "white" if v < 0.6 else "black" for v in levels if low < v < high}
     if drawn:
         style: dict[str, Any] = {"linestyles": "-", "linewidths": thin}
         lines = axes.contour(east, north, values, [*drawn], colors=[*drawn.values()], **style)
-        if not scenario.model.names:  # the names of radars would cover the labels
+        if not (scenario.model.names or flat):  # names would cover the labels
             axes.clabel(lines, fmt="%g", fontsize=plotting.points(6.5))
         for v, colour in drawn.items():
-            bar.ax.axhline(v, color=colour, lw=thin)
+            (bar.ax.axvline if flat else bar.ax.axhline)(v, color=colour, lw=thin)
     poses, radars = scenario.aircraft / 1e3, scenario.radar_states / 1e3
     label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
     plotting.coloured_line(axes, poses[:, 1], poses[:, 0], route, colours, label)
@@ -335,11 +337,8 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     plotting.mark(axes, radars, "^", 5.5, "radar" if len(radars) == 1 else "radars")
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
     plotting.draw_legend(figure, axes)
-    # With a fixed aspect, one round of layout can leave a label outside the page. A second round
-    # would make a flat map flatter, and flat maps have room for their labels.
-    if shape > 0.5 or scenario.model.names:
-        figure.draw_without_rendering()
     if scenario.model.names:
+        figure.draw_without_rendering()  # the names are put beside what has its place
         plotting.label_points(axes, radars[:, 1::-1], scenario.model.names)
 
 

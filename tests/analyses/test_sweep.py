@@ -98,11 +98,11 @@ def test_values_of_any_size_keep_their_digits():
 @pytest.mark.parametrize(
     ("key", "value", "unit", "label"),
     [
-        ("radar.tracking.pulse_width_us", "0.6", "us", "radar.tracking.pulse width [us]"),
+        ("radar.tracking.pulse_width_us", "0.6", "us", "radar.tracking.pulse_width [us]"),
         ("geometry.down_km", "-0.3", "km", "geometry.down [km]"),
         ("aircraft.rcs.rcs_m2", "0.01", "m^2", "aircraft.rcs.rcs [m^2]"),
         ("radar.attenuation_db_per_km", "0.01", "dB/km", "radar.attenuation [dB/km]"),
-        ("radar.p_fa", "1e-6", "", "radar.p fa"),
+        ("radar.p_fa", "1e-6", "", "radar.p_fa"),
         ("radar.position_m[2]", "1000", "m", "radar.position[2] [m]"),
     ],
 )
