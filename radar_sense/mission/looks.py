@@ -49,7 +49,7 @@ class Looks:
         if not isinstance(flight, Path):
             raise InputError(
                 "a mission needs times, which only a path has: "
-                "give a path, geometry: {type: path, file: my_route.csv}"
+                "give a path, geometry: {type: path, file: my_route.csv}, in Python Path.of"
             )
         schedule = schedule_looks(scenario.model, flight.time_s)
         along = axis.time(schedule.time)

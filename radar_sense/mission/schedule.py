@@ -63,7 +63,7 @@ def schedule_looks(model: NetworkModel, time_s: FloatArray) -> Schedule:
         raise InputError(
             f"{radars} a scan_period_s, the time [s] from one look to the next: "
             f"add scan_period_s to {'that radar' if model.names else 'radar'}, such as "
-            "scan_period_s: 10"
+            "scan_period_s: 10, in Python Radar(scan_period=10)"
         )
     periods = tuple(dict.fromkeys(p for p in period_by_radar.values() if p is not None))
     radars_of = tuple(

@@ -74,7 +74,7 @@ def test_without_a_scan_period_a_mission_is_refused(tool):
     assert (code, out) == (2, "")
     assert err == (
         "Error: a mission needs a scan_period_s, the time [s] from one look to the next: "
-        "add scan_period_s to radar, such as scan_period_s: 10\n"
+        "add scan_period_s to radar, such as scan_period_s: 10, in Python Radar(scan_period=10)\n"
     )
     assert not Path("figures").exists()
 
