@@ -12,12 +12,14 @@ from radar_sense import words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import PathTest, path_test
 from radar_sense.analyses.verdict import (
+    AT_LEAST,
     PROBABILITY,
     THRESHOLD,
     K,
     beyond_in_words,
     condition,
     requirement,
+    side,
     worst_band,
 )
 from radar_sense.axis import Axis, steps, widest_of_highest
@@ -45,6 +47,7 @@ MAX_VALUES, SHOWN = 1000, 40
     ONE_RADAR,
     METHOD,
     THRESHOLD,
+    AT_LEAST,
     K,
     PROBABILITY,
     examples=(
@@ -62,6 +65,7 @@ def sweep(
     stop: float,
     step: float,
     threshold: float | None = None,
+    at_least: float | None = None,
     k: float | None = None,
     probability: float | None = None,
 ) -> Result:
@@ -69,7 +73,8 @@ def sweep(
 
     KEY is the path of a number in the scenario file, such as radar.constant, geometry.range_km,
     uncertainty.radar.medium.position_m or radars.NAME.p_fa. With a threshold the answer is where
-    the test P_D + K sigma <= P_MAX holds. Exit code 3 means that it holds at none of the values.
+    the test P_D + K sigma <= P_MAX holds. With --at-least it is where P_D - K sigma >= P_MIN holds,
+    and the smallest P_D counts. Exit code 3 means that the test holds at none of the values.
 
     Raises:
         InputError: If an option is not allowed, or the scenario refuses a value.
@@ -78,22 +83,25 @@ def sweep(
         values = steps(start, stop, step, MAX_VALUES)
     except InputError as error:
         raise InputError(f"step {error}") from error
-    required, method = requirement(threshold, k, probability), scenario.method
-    k = k or 3.0 if required is None else required.k
+    required, method = requirement(threshold, k, probability, at_least), scenario.method
+    k, limit = (k or 3.0, None) if required is None else (required.k, required.limit)
     column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
     axis = Axis(column, key, ascii_unit(key), values, ".12g", 0.0, "values", f"Value of {key}.")
     # all values are read before any is computed
     scenarios = [scenario.with_keys({key: f"{value:.12g}"}) for value in values]
 
     result = Result(scenario)
-    highest, tests, found = [], [], []
+    sign, end = (1.0, "upper") if at_least is None else (-1.0, "lower")
+    most, largest = ("highest", "largest") if at_least is None else ("lowest", "smallest")
+    extremes, tests, found = [], [], []
     started = time.process_time()
     for done, (one, value) in enumerate(zip(scenarios, values, strict=True)):
         report("values", done, len(values))
-        moments = propagate_scenario(one, method=method, beta=k, p_max=threshold)
-        pose = widest_of_highest(moments.p_d, moments.upper - moments.lower)
+        moments = propagate_scenario(one, method=method, beta=k, p_max=limit)
+        pose = widest_of_highest(sign * moments.p_d, moments.upper - moments.lower)
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
-        highest.append((*ends, np.max(moments.upper), 3.0 * np.max(moments.std)))
+        bound = sign * np.max(sign * getattr(moments, end))
+        extremes.append((*ends, bound, 3.0 * np.max(moments.std)))
         if required is not None:
             tests.append(path_test(one, method, required, moments))
         for text in (
@@ -107,22 +115,26 @@ def sweep(
             rest = (len(values) - 1) * (time.process_time() - started)
             what = "the values after the first, if they are like it,"
             foresee(what, rest * RATE, less="fewer values")
-    p_d, lower, upper, bound, three_sigma = np.array(highest).T
+    p_d, lower, upper, bounds, three_sigma = np.array(extremes).T
     if tests:  # also between the rows of a path
-        bound = np.array([tested.test.bound[tested.worst] for tested in tests])
+        bounds = np.array([tested.test.bound[tested.worst] for tested in tests])
 
     # the column of an entry of a list ends with the number of the entry, and not with the unit
     result.table.add(column, values, axis.meaning, unit_name(key))
     for name, numbers, meaning in (
-        ("highest_p_d", p_d, "Largest P_D of all poses."),
-        ("lower", lower, f"Lower bound of the largest P_D at {k:g} sigma."),
-        ("upper", upper, f"Upper bound of the largest P_D at {k:g} sigma."),
-        ("highest_upper", bound, f"Largest upper bound of P_D at {k:g} sigma, at any pose."),
+        (f"{most}_p_d", p_d, f"{largest.capitalize()} P_D of all poses."),
+        ("lower", lower, f"Lower bound of the {largest} P_D at {k:g} sigma."),
+        ("upper", upper, f"Upper bound of the {largest} P_D at {k:g} sigma."),
+        (
+            f"{most}_{end}",
+            bounds,
+            f"{largest.capitalize()} {end} bound of P_D at {k:g} sigma, at any pose.",
+        ),
         ("largest_three_sigma", three_sigma, "Largest 3 sigma of P_D of all poses."),
     ):
         result.table.add(name, numbers, meaning)
     result.summary["largest_three_sigma"] = words.peak(three_sigma, axis)
-    bands = [words.describe_band(*ends[:3], k) for ends in highest]
+    bands = [words.describe_band(*ends[:3], k) for ends in extremes]
     if tests:
         bands = _add_tests(result, axis, tests)
     else:
@@ -132,9 +144,8 @@ def sweep(
     if len(values) <= SHOWN:
         result.report += words.rows(zip(map(axis.format, values), bands, strict=True))
     result.warnings += words.gathered(found)
-    result.draw = partial(
-        _draw, axis=axis, lines=(p_d, lower, upper, bound), threshold=threshold, k=k
-    )
+    lines = (p_d, lower, upper, bounds)
+    result.draw = partial(_draw, axis=axis, lines=lines, largest=largest, limit=limit, k=k)
     return result
 
 
@@ -145,13 +156,17 @@ def _add_tests(result: Result, axis: Axis, tests: list[PathTest]) -> list[str]:
     holds, violated = verdicts == "holds", verdicts == "violated"
     runs = [tested.decision.runs for tested in tests]
     for name, numbers, meaning in (
-        ("margin", [t.test.margin[t.worst] for t in tests], "P_MAX minus the largest bound."),
+        (
+            "margin",
+            [t.test.margin[t.worst] for t in tests],
+            "How far the bound is within the limit.",
+        ),
         ("violated", violated, "1 where the test is violated at a pose, else 0."),
         ("not_known", ~holds & ~violated, "1 where the test has no answer, else 0."),
         (
-            "probability_above",
+            f"probability_{side(required)}",
             [r.probability.max() for r in runs],
-            "P(P_D > P_MAX) at the pose where it is highest, in runs of the path.",
+            "Largest probability of P_D beyond the limit at a pose, in runs of the path.",
         ),
     ):
         result.table.add(name, np.array(numbers, dtype=float), meaning)
@@ -189,22 +204,23 @@ def _draw(
     figure: Figure,
     axis: Axis,
     lines: tuple[FloatArray, ...],
-    threshold: float | None,
+    largest: str,
+    limit: float | None,
     k: float,
 ) -> None:
-    """Draw the largest P_D, its band, the largest bound of any pose, and the threshold."""
+    """Draw the largest or smallest P_D, its band, such a bound of any pose, and the threshold."""
     from radar_sense import plotting
 
     p_d, lower, upper, bound = lines
     (axes,), x = plotting.pose_panels(figure, 1, axis)
     dots = {"marker": "o", "ms": plotting.points(1.8)} if len(x) <= SHOWN else {}
-    plotting.draw_line(axes, x, p_d, ("black", "-"), label=r"largest $P_D$", **dots)
+    plotting.draw_line(axes, x, p_d, ("black", "-"), label=rf"{largest} $P_D$", **dots)
     plotting.draw_fill(axes, x, lower, upper, color=plotting.BAND[0], alpha=0.18, lw=0)
     plotting.draw_band(axes, x, lower, upper, rf"its band of ${k:.4g}\,\sigma$")
-    if np.any(bound > upper):
-        plotting.draw_line(axes, x, bound, ("black", ":"), label="largest bound")
-    if threshold is not None:
-        label = f"threshold {threshold:g}"
-        axes.axhline(threshold, color="black", lw=plotting.points(0.8), ls="--", label=label)
+    if np.any((bound > upper) | (bound < lower)):
+        plotting.draw_line(axes, x, bound, ("black", ":"), label=f"{largest} bound")
+    if limit is not None:
+        label = f"threshold {limit:g}"
+        axes.axhline(limit, color="black", lw=plotting.points(0.8), ls="--", label=label)
     axes.set_ylabel(r"Probability of detection $P_D$")
     plotting.draw_legend(figure, axes)

@@ -63,7 +63,7 @@ def requirement(
     limit = threshold if at_least is None else at_least
     if probability is not None:
         if limit is None:
-            raise InputError("'probability' needs 'threshold'")
+            raise InputError("'probability' needs 'threshold' or 'at_least'")
         if k is not None:
             raise InputError("'k' and 'probability' exclude each other; give one of them")
         k = -float(ndtri(probability))
@@ -85,7 +85,7 @@ def beyond_in_words(required: Requirement) -> str:
     return f"P(P_D {'<' if required.at_least else '>'} {required.limit:g})"
 
 
-def _side(required: Requirement) -> str:
+def side(required: Requirement) -> str:
     """Return on which side of the limit P_D may not be."""
     return "below" if required.at_least else "above"
 
@@ -97,7 +97,7 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
     also between the poses. The test at all of these is returned.
     """
     tested = path_test(result.scenario, result.method, required, band)
-    rows, test, side = tested.path.rows, tested.test, _side(required)
+    rows, test, where = tested.path.rows, tested.test, side(required)
     end, limit = ("lower", "P_MIN") if required.at_least else ("upper", "P_MAX")
     column, bound = f"{end}_{required.k:.12g}sigma", f"{end} bound of P_D"
     for name, values, meaning in (
@@ -106,9 +106,9 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
         ("violated", test.violated.astype(float), "1 where the test is violated, else 0."),
         ("not_known", test.unknown.astype(float), "1 where the test has no answer, else 0."),
         (
-            f"probability_{side}",
+            f"probability_{where}",
             tested.decision.runs.probability,
-            f"Share of the runs of the path with P_D {side} {limit}.",
+            f"Share of the runs of the path with P_D {where} {limit}.",
         ),
     ):
         result.table.add(name, values[rows], meaning)
@@ -124,7 +124,7 @@ def _unit(scenario: Scenario) -> str:
 
 
 def _summary(tested: PathTest, column: str) -> dict[str, Any]:
-    required, side = tested.test.requirement, _side(tested.test.requirement)
+    required, where = tested.test.requirement, side(tested.test.requirement)
     test, axis, runs = tested.test, tested.path.scenario.axis, tested.decision.runs
     unit = _unit(tested.path.scenario)
     highest = int(np.argmax(runs.counts))
@@ -146,13 +146,13 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
         "poses_without_bound": int(np.count_nonzero(np.isnan(test.margin))),
         "poses_decided_by_draws": int(np.count_nonzero(tested.by_draws)),
         "probability_of_false_holds": 2.0 * CHANCE,
-        f"p_d_itself_{side}": bool(np.any(required.margin(tested.path.band.p_d) < 0)),
-        f"{side}_{unit}": test.beyond,
+        f"p_d_itself_{where}": bool(np.any(required.margin(tested.path.band.p_d) < 0)),
+        f"{where}_{unit}": test.beyond,
         f"total_{unit}": test.total,
-        f"share_{side}": _share(test),
+        f"share_{where}": _share(test),
         "first_violation": None if test.first is None else place(test.first),
         "worst_margin": {"value": float(test.margin[tested.worst]), **place(tested.worst)},
-        f"highest_probability_{side}": {
+        f"highest_probability_{where}": {
             "value": float(runs.probability[highest]),
             "standard_error": runs.error(int(runs.counts[highest])),
             **place(highest),
@@ -162,15 +162,15 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     if required.probability is not None:
         summary["probability"] = required.probability
     if not tested.path.resolved:  # P_D may be beyond elsewhere, too
-        return summary | dict.fromkeys((f"{side}_{unit}", f"share_{side}"))
+        return summary | dict.fromkeys((f"{where}_{unit}", f"share_{where}"))
     if runs.anywhere is not None:
-        summary[f"probability_{side}_at_any_pose"] = {
+        summary[f"probability_{where}_at_any_pose"] = {
             "value": runs.anywhere / runs.runs,
             "standard_error": runs.error(runs.anywhere),
             "runs": runs.runs,
         }
     if runs.time is not None:
-        summary[f"mean_time_{side}_s"] = {"value": runs.time, "standard_error": runs.time_error}
+        summary[f"mean_time_{where}_s"] = {"value": runs.time, "standard_error": runs.time_error}
     return summary
 
 
@@ -193,7 +193,7 @@ def _report(tested: PathTest) -> list[str]:
         first = float(np.interp(test.first_beyond, np.arange(len(axis)), axis.values))
         first = round(first, DIGITS - math.ceil(math.log10(test.total)))
         lines += [
-            f"the bound is {_side(required)} {required.limit:g} for {test.beyond:.4g} of "
+            f"the bound is {side(required)} {required.limit:g} for {test.beyond:.4g} of "
             f"{test.total:.6g} "
             f"{_unit(scenario)} ({_share(test):.1%}), first at {axis.format(first)}"
         ]
@@ -239,7 +239,7 @@ def _why(tested: PathTest) -> str:
     margin = np.where(tested.test.violated, required.margin(p_d), np.nan)
     place, limit = words.describe_poses(margin < 0, axis), f"{required.limit:g}"
     if place:
-        return f"P_D itself is {_side(required)} {limit} {place}: no better knowledge helps there"
+        return f"P_D itself is {side(required)} {limit} {place}: no better knowledge helps there"
     stays = "above" if required.at_least else "below"
     if not tested.path.resolved:
         return f"P_D itself stays {stays} {limit} at the poses tested"

@@ -157,3 +157,23 @@ def test_of_poses_with_the_same_p_d_the_widest_band_counts():
     assert np.ptp(width) > 0.04
     found = analyses.sweep(s, key="radar.constant", start=167, stop=200, step=33).table
     assert found["upper"][0] - found["lower"][0] == width.max()
+
+
+def test_at_least_looks_at_the_smallest_p_d():
+    s = rs.load_scenario(changes={"geometry.azimuth_deg": "{start: 30, stop: 60, step: 30}"})
+    result = analyses.sweep(s, at_least=0.3, **SWEPT)
+    verdicts = []
+    for row, value in enumerate(VALUES):
+        one = analyses.variance(s.with_keys({"radar.constant": f"{value}"}), at_least=0.3)
+        verdicts.append(one.summary["threshold"]["verdict"])
+        assert result.table["lowest_p_d"][row] == one.table["p_d"].min()
+        assert result.table["lowest_lower"][row] == one.table["lower_3sigma"].min()
+        assert result.table["margin"][row] == one.table["margin"].min()
+    assert verdicts == ["violated", "violated", "holds"]
+    assert list(result.report[:3]) == [
+        "P_D - 3 sigma >= 0.3 by radar.constant:",
+        "holds at 200",
+        "VIOLATED at 100 to 150",
+    ]
+    assert result.passed
+    assert result.summary["threshold"]["p_min"] == 0.3
