@@ -10,7 +10,6 @@ name of its file.
 from __future__ import annotations
 
 import functools
-import html
 import inspect
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -323,11 +322,6 @@ class Result:
             f"<Result of {self.analysis}: {self.scenario.name}, {rows} rows of "
             f"{shorten_list(list(self.table))}; .report, .warnings, .table, .plot(), .save(folder)>"
         )
-
-    def _repr_html_(self) -> str:
-        lines = "\n".join([*self.report, *(f"Warning: {text}" for text in self.warnings)])
-        title = html.escape(f"{self.analysis}: {self.scenario.name}")
-        return f"<b>{title}</b><pre>{html.escape(lines)}</pre>"
 
 
 @dataclass(eq=False, repr=False)

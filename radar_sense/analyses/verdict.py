@@ -99,10 +99,10 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
     tested = path_test(result.scenario, result.method, required, band)
     rows, test, where = tested.path.rows, tested.test, side(required)
     end, limit = ("lower", "P_MIN") if required.at_least else ("upper", "P_MAX")
-    column, bound = f"{end}_{required.k:.12g}sigma", f"{end} bound of P_D"
+    column = f"{end}_{required.k:.12g}sigma"
     for name, values, meaning in (
-        (column, test.bound, f"{bound.capitalize()} at {required.k:g} sigma."),
-        ("margin", test.margin, f"How far the {bound} is within {limit}."),
+        (column, test.bound, f"{end.capitalize()} bound of P_D at {required.k:g} sigma."),
+        ("margin", test.margin, f"How far the {end} bound of P_D is within {limit}."),
         ("violated", test.violated.astype(float), "1 where the test is violated, else 0."),
         ("not_known", test.unknown.astype(float), "1 where the test has no answer, else 0."),
         (
