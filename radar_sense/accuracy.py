@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.axis import reached
-from radar_sense.errors import InputError
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
@@ -366,15 +365,3 @@ class _Goal:
 def _on_the_way(start: float, last: float) -> list[float]:
     """Return ln of the factors to judge up to a last one: of a growth, steps of `WAY` too."""
     return [*np.arange(start, last, WAY).tolist(), last]
-
-
-def only_at(scenario: Scenario, at: float) -> Scenario:
-    """Return the scenario with only the pose at one place on its axis."""
-    axis = scenario.axis
-    pose = int(np.argmin(abs(axis.values - at)))
-    if abs(axis.values[pose] - at) > axis.tolerance:
-        raise InputError(
-            f"there is no pose at {axis.format(at)}, the nearest of {len(axis)} is at "
-            f"{axis.at(pose)}"
-        )
-    return scenario.at_poses(slice(pose, pose + 1))

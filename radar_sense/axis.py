@@ -58,6 +58,16 @@ class Axis(ReadOnly):
         """Return the coordinate of a pose for a sentence."""
         return self.format(float(self.values[pose]))
 
+    def pose_at(self, value: float) -> int:
+        """Return the pose at a value, which is within the tolerance, or raise InputError."""
+        pose = int(np.argmin(abs(self.values - value)))
+        if abs(self.values[pose] - value) > self.tolerance:
+            raise InputError(
+                f"there is no pose at {self.format(value)}, the nearest of {len(self)} is at "
+                f"{self.at(pose)}"
+            )
+        return pose
+
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Axis:
         """Return the axis of some of the poses."""
         return replace(self, values=self.values[poses])

@@ -131,6 +131,7 @@ class Budget:
         total: All sources together.
         interaction: What is left of the variance, by correlations and nonlinearity of P_D. Its
             share is 1 minus the shares of the sources. The share can be negative.
+        chosen: The pose looked at; None for that with the largest total.
     """
 
     mean: FloatArray
@@ -139,10 +140,13 @@ class Budget:
     finer: Mapping[str, Contribution]
     total: Contribution
     interaction: Contribution
+    chosen: int | None = None
 
     @cached_property
     def pose(self) -> int:
-        """The first pose with the largest total, but for rounding."""
+        """The pose looked at: the first with the largest total, but for rounding, or the chosen."""
+        if self.chosen is not None:
+            return self.chosen
         return int(np.argmax(reached(self.total.three_sigma)))
 
     @property

@@ -69,6 +69,8 @@ def budget(
     needed, numbers = required_accuracy(scenario, target, threshold, at_least, k, probability, at)
     result.report += needed
     found = error_budget(scenario, method)
+    if at is not None:
+        found = replace(found, chosen=axis.pose_at(at))
     sources, parts, finer = (kind.values() for kind in (found.sources, found.parts, found.finer))
     total, interaction, pose = found.total, found.interaction, found.pose
     at_pose = float(total.three_sigma[pose])
@@ -116,16 +118,17 @@ def budget(
     result.report += [f"{name} has no value {place}" for name, place in gaps.items()]
 
     vanishes = found.vanishes(scenario) if method == "linear" else {}
+    where = "largest" if at is None else "pose"
     optional = {
         "no_value": gaps,
         "gradient_vanishes": words.places(vanishes, axis),
-        "radar_constant_parts_at_largest": _at(pose, parts, "three_sigma"),
-        "shares_of_radar_constant_parts_at_largest": _at(pose, parts, "share"),
+        f"radar_constant_parts_at_{where}": _at(pose, parts, "three_sigma"),
+        f"shares_of_radar_constant_parts_at_{where}": _at(pose, parts, "share"),
     }
     result.summary |= {
         "largest_three_sigma_total": words.peak(total.three_sigma, axis),
-        "at_largest": _at(pose, sources, "three_sigma"),
-        "shares_at_largest": _at(pose, (*sources, interaction), "share"),
+        f"at_{where}": _at(pose, sources, "three_sigma"),
+        f"shares_at_{where}": _at(pose, (*sources, interaction), "share"),
         "dominant": None if found.dominant is None else found.dominant.name,
         "dominates": dominates,
         **{name: value for name, value in optional.items() if value},

@@ -12,7 +12,7 @@ import numpy as np
 from radar_sense import words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.requirement import Requirement
-from radar_sense.accuracy import P_D_ITSELF, RequiredAccuracy, only_at, required_accuracies
+from radar_sense.accuracy import P_D_ITSELF, RequiredAccuracy, required_accuracies
 from radar_sense.analyses.verdict import AT_LEAST, PROBABILITY, THRESHOLD, K, condition, requirement
 from radar_sense.axis import Axis
 from radar_sense.command import Option
@@ -30,10 +30,10 @@ OPTIONS = (
     PROBABILITY,
     Option(
         "at",
-        "The only pose for these limits: azimuth [deg], time [s] or distance [m].",
+        "The pose looked at, and the only one of a limit: azimuth [deg], time [s] or distance [m].",
         ANY,
         metavar="X",
-        default_text="all",
+        default_text="that with the largest total; all for a limit",
     ),
 )
 
@@ -59,8 +59,6 @@ def required_accuracy(
     if target is not None and asked is not None:
         other = "threshold" if at_least is None else "at_least"
         raise InputError(f"'target' and '{other}' exclude each other; give one of them")
-    if limit is None and at is not None:
-        raise InputError("'at' needs 'target', 'threshold' or 'at_least'")
     if asked is None and k is not None:
         raise InputError("'k' needs 'threshold' or 'at_least'")
     if limit is None:
@@ -70,7 +68,7 @@ def required_accuracy(
         what = kind if at_least is None else "at_least"
         raise InputError(f"'{what}' needs one of the methods {others}")
     k = None if asked is None else asked.k
-    chosen = scenario if at is None else only_at(scenario, at)
+    chosen = scenario if at is None else scenario.at_poses(np.array([scenario.axis.pose_at(at)]))
     propagate = partial(band_of_scenario, method=method, beta=k or 3.0)
     poses = refinement.resolve(chosen, propagate, asked or Requirement(limit))
     if not poses.resolved:

@@ -445,3 +445,15 @@ def test_what_to_know_first_is_what_leaves_least_if_it_is_halved():
     (shown,) = re.findall(r"half its deviation leaves (0\.\d+) of ", result.report[0])
     # the second derivatives of z are those at the whole deviation
     assert float(shown) == pytest.approx(left[1], rel=0.01)
+
+
+def test_the_ranking_is_that_of_the_pose_asked_for():
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 45})
+    at_45, at_90 = (analyses.budget(s, at=at) for at in (45, 90))
+    assert analyses.budget(s).summary["at_largest"] == at_45.summary["at_pose"]
+    for source, value in at_90.summary["at_pose"].items():
+        assert value == at_90.table[f"three_sigma_{source}"][2]
+    assert at_90.report[1] == "3 sigma of P_D (medium) at 90 deg, and share of its variance:"
+    assert " at 90 deg; half its deviation leaves " in at_90.report[0]
+    with pytest.raises(InputError, match="there is no pose at 50 deg, the nearest of 3 is at 45"):
+        analyses.budget(s, at=50)

@@ -52,7 +52,7 @@ FAST = tuple(name for name in command_line.commands() if name not in SLOW)
 WORK = {"runs", "digits", "step_km", "step_deg", "north_km", "east_km"}
 #: Options that need each other, and a number that is 0 one time in four.
 TOGETHER = (
-    *(("k", "threshold"), ("probability", "threshold"), ("at", "threshold")),
+    *(("k", "threshold"), ("probability", "threshold")),
     *(("m", "n"), ("n", "m")),
 )
 ONE_OF_FOUR = st.integers(0, 3)

@@ -23,7 +23,7 @@ from scenario_file.refused import refused
 
 import radar_sense as rs
 from radar_sense import analyses, axis
-from radar_sense.accuracy import only_at, required_accuracies
+from radar_sense.accuracy import required_accuracies
 from radar_sense.analyses.rcs import rcs
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -156,7 +156,7 @@ def test_allowances_scale_every_covariance(tmp_path):
     found = required_accuracies(s, top / 2, method="linear")
     assert found["all"].factor == pytest.approx(0.5, rel=1e-6)
     pose = s.at_poses(slice(2, 3))
-    at_pose = required_accuracies(only_at(s, 1000.0), 0.01, method="linear")
+    at_pose = required_accuracies(s.at_poses([s.axis.pose_at(1000.0)]), 0.01, method="linear")
     three_sigma = 3 * propagate_scenario(pose, method="linear").std[0]
     # draws refuse the factor of the linear sigma here: it is reduced until they confirm it
     factor = at_pose["all"].factor
