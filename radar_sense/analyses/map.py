@@ -50,6 +50,9 @@ LEVELS = (0.1, 0.5, 0.9)
 SAMPLED = 20
 #: Height over width below which the scale of a map is below it, and not beside it.
 FLAT = 0.4
+#: Letters of all names of radars, in an inch of a figure with letters of 8 pt, up to which the
+#: names are on the map. More have numbers there.
+LETTERS = 18
 #: The default of the ends of the map.
 AROUND = "around radars and path"
 
@@ -293,6 +296,11 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
     shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
 
+    names, letters = scenario.model.names, sum(map(len, scenario.model.names))
+    if letters > LETTERS * plotting.nominal_width(figure) and figure.get_supxlabel():
+        numbered = [(str(number), name) for number, name in enumerate(names, start=1)]
+        plotting.add_small_print(figure, ", ".join(map("\N{NO-BREAK SPACE}".join, numbered)))
+        names = tuple(number for number, _ in numbered)
     flat = shape < FLAT
     height = min(2.25 * plotting.nominal_width(figure) / 3.5, 3.6) * shape
     plotting.set_height(figure, (1.5 if flat else 0.75) + height)
@@ -324,7 +332,7 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     if drawn:
         style: dict[str, Any] = {"linestyles": "-", "linewidths": thin}
         lines = axes.contour(east, north, values, [*drawn], colors=[*drawn.values()], **style)
-        if not (scenario.model.names or flat):  # names would cover the labels
+        if not (names or flat):  # names would cover the labels
             axes.clabel(lines, fmt="%g", fontsize=plotting.points(6.5))
         for v, colour in drawn.items():
             (bar.ax.axvline if flat else bar.ax.axhline)(v, color=colour, lw=thin)
@@ -337,9 +345,9 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     plotting.mark(axes, radars, "^", 5.5, "radar" if len(radars) == 1 else "radars")
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
     plotting.draw_legend(figure, axes)
-    if scenario.model.names:
+    if names:
         figure.draw_without_rendering()  # the names are put beside what has its place
-        plotting.label_points(axes, radars[:, 1::-1], scenario.model.names)
+        plotting.label_points(axes, radars[:, 1::-1], names)
 
 
 def _pose_in_words(summary: Mapping[str, Any]) -> str:

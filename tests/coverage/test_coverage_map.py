@@ -1,5 +1,6 @@
 """The map: cells against the model, bounds against propagate, the files and the figure."""
 
+import dataclasses
 import json
 import math
 import re
@@ -616,3 +617,15 @@ def test_areas_are_on_the_earth(tmp_path):
 )
 def test_a_heading_is_below_a_full_turn(yaw, shown):
     assert words.heading(yaw) == f"heading {shown} deg"
+
+
+@pytest.mark.parametrize(("letters", "numbered"), [(5, False), (30, True)])
+def test_many_long_names_are_numbers_on_the_map(letters, numbered):
+    s = rs.load_scenario(CONFIGS / "network.yaml")
+    names = [f"radar_{i}".ljust(letters, "x") for i in range(len(s.radars))]
+    radars = [dataclasses.replace(r, name=name) for r, name in zip(s.radars, names, strict=True)]
+    figure = coverage_map(dataclasses.replace(s, radars=radars), **SMALL).plot()
+    shown = [text.get_text() for text in figure.axes[0].texts]
+    assert shown == (["1", "2", "3"] if numbered else names)
+    printed = figure.get_supxlabel().replace("\N{NO-BREAK SPACE}", " ")
+    assert (f"2 {names[1]}" in " ".join(printed.split())) == numbered
