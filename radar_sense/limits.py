@@ -106,8 +106,9 @@ MAP_KM = Limit(at_least=-1e5, at_most=1e5)
 MAP_STEP_KM = Limit(at_least=1e-6, at_most=1e5)
 #: 3σ of P_D: the standard deviation of a probability is 0.5 at most.
 TARGET = Limit(above=0, at_most=1.5)
-#: P_max and P_min of a threshold test, and its number of σ.
-THRESHOLD, P_MIN = Limit(above=0, at_most=1), Limit(above=0, below=1)
+#: P_max and P_min of a threshold test, and its number of σ. Between poses a P_min near 0 would be
+#: within the noise of its bound.
+THRESHOLD, P_MIN = Limit(above=0, at_most=1), Limit(at_least=0.01, below=1)
 SIGMAS = Limit(above=0, at_most=10)
 #: The probability of P_D beyond P_max or P_min in place of a number of σ.
 ABOVE = Limit(at_least=1e-20, below=0.5)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ LEAST_STEP = 1e-3
 #: Most poses between the rows of a flight.
 MAX_POSES = 20_000
 #: P_D and its bound may differ from straight lines between poses by the smaller of
-#: RELATIVE_TOLERANCE · the largest margin and TOLERANCE, and by DISTANT of their margin.
+#: RELATIVE_TOLERANCE · the room of the limit and TOLERANCE, and by DISTANT of their margin.
 RELATIVE_TOLERANCE, TOLERANCE, DISTANT = 0.01, 0.002, 0.25
 #: Decimals of the places of closest points and crossings, and a unit of the last one.
 DECIMALS = 6
@@ -122,7 +122,8 @@ def refined(
         within = np.fmin(margin[1:], margin[:-1])
         return _bend(place, values) > np.fmax(tolerance, DISTANT * within) + noise
 
-    place, new = given, np.setdiff1d(places(scenario), given)[::order]
+    added = places(scenario, lowest=requirement.at_least)
+    place, new = given, np.setdiff1d(added, given)[::order]
     resolved = len(place) + len(new) < most
     if not resolved:
         margin = requirement.margin(along(_nominal(scenario), new).p_d())
@@ -187,17 +188,18 @@ def coarseness(path: Scenario, *, lobes: bool = True) -> FloatArray:
     return changes
 
 
-@lru_cache(maxsize=1)  # a test and the warning of a far origin need the same places
-def places(scenario: Scenario) -> FloatArray:
+@lru_cache(maxsize=2)  # a test and the warning of a far origin need the same places
+def places(scenario: Scenario, *, lowest: bool = False) -> FloatArray:
     """Return coordinates (k,) of a flight, ascending, between which no lobe, gap or limit fits.
 
     These are the poses and rows of the flight, see `_rows`, the middles of coarse steps, the
     closest point to each radar, the point nearest to its limits, and both sides of each crossing of
-    a limit. Steps are halved until `MAX_POSES` coordinates are added. With more, some steps may
-    still be coarse.
+    a limit. Where the lowest P_D matters, the farthest points are among them, and those deepest
+    beyond a limit. Steps are halved until `MAX_POSES` coordinates are added. With more, some steps
+    may still be coarse.
     """
     nominal, shortest = _nominal(scenario), LEAST_STEP * scenario.geometry.shortest
-    place = _rows(scenario)
+    place = _rows(scenario, lowest=lowest)
     most = len(scenario.geometry.axis) + MAX_POSES
     while len(place) < most:
         coarse = (coarseness(along(nominal, place)) > 1.0) & (np.diff(place) > shortest)
@@ -205,16 +207,23 @@ def places(scenario: Scenario) -> FloatArray:
             break
         place = np.sort(np.append(place, _middles(place)[coarse]))
     for turning in (_nearness, _margins):
-        place = np.union1d(place, _maxima(nominal, place, turning))
+        for sign in (1.0, -1.0) if lowest else (1.0,):
+            place = np.union1d(place, _maxima(nominal, place, partial(_signed, turning, sign)))
     return np.union1d(place, _crossings(nominal, place))
 
 
-def _rows(scenario: Scenario) -> FloatArray:
+def _signed(value: Callable[[Scenario], FloatArray], sign: float, poses: Scenario) -> FloatArray:
+    """Return functions (n, m) of poses times a sign."""
+    return sign * value(poses)
+
+
+def _rows(scenario: Scenario, *, lowest: bool) -> FloatArray:
     """Return coordinates (k,) of the poses and of rows of the flight between them, ascending.
 
     Rows between which aspect, range and covariance change little are parts of the flight. Of each
     part the first row is returned, and those where P_D is greatest, a radar is closest, its limits
-    are nearest, and a variance is greatest.
+    are nearest, and a variance is greatest; where the lowest P_D matters, those of the opposite
+    too.
     """
     geometry = scenario.geometry
     whole = scenario.along(geometry.whole)
@@ -226,6 +235,8 @@ def _rows(scenario: Scenario) -> FloatArray:
     if whole.cov_aircraft.ndim == 3:
         changes = np.maximum(changes, _scattering(whole.cov_aircraft))
         values.append(np.diagonal(whole.cov_aircraft, axis1=1, axis2=2))
+    if lowest:
+        values += [-value for value in values]
     part = np.insert(np.floor(np.cumsum(np.minimum(changes, 1.0))), 0, -1.0)
     kept = np.isin(place, geometry.coordinate) | (np.diff(part, prepend=-2.0) > 0)
     for value in np.hstack(values).T:

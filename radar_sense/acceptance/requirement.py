@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.special import ndtr
 
 from radar_sense.propagation import Band
 from radar_sense.propagation.draws import Estimate
 from radar_sense.states import FloatArray
+
+#: A share of draws above a limit that is less than 1 by this is all of them, but for rounding.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -43,8 +47,8 @@ class Requirement:
 
     @property
     def room(self) -> float:
-        """The largest margin that P_D can have."""
-        return 1.0 - self.limit if self.at_least else self.limit
+        """How far the limit is from the end of P_D that is nearer, for P_min, or from 0."""
+        return min(self.limit, 1.0 - self.limit) if self.at_least else self.limit
 
     def margin(self, p_d: FloatArray) -> FloatArray:
         """Return how far values of P_D (...) are within the limit, negative beyond it."""
@@ -57,4 +61,7 @@ class Requirement:
     def beyond(self, found: Estimate) -> tuple[FloatArray, FloatArray]:
         """Return the probability (n,) of P_D beyond the limit, and its standard error (n,)."""
         above, error = found.above
-        return (1.0 - above if self.at_least else above), error
+        if not self.at_least:
+            return above, error
+        below = 1.0 - above
+        return np.where(below > ROUNDING, below, 0.0), error

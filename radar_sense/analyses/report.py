@@ -92,7 +92,7 @@ def report(
     """One HTML page: the questions about a scenario, and the answers.
 
     Each question is answered by a command: its lines, warnings and figure, and the extremes of its
-    table. With a threshold the page has the threshold test too, and exit code 3 means that the test
+    table. With --threshold or --at-least the page has this test too, and exit code 3 means that it
     is violated or not known. The page needs no network and no script. It ends with the command, the
     versions and the scenario.
 

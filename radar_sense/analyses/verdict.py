@@ -31,7 +31,8 @@ THRESHOLD = Option(
 )
 AT_LEAST = Option(
     "at_least",
-    "Test P_D - K sigma >= P_MIN at every pose, as radars must that are to detect the aircraft.",
+    "Test P_D - K sigma >= P_MIN, of radars that are to detect, at every pose, on a path between "
+    "poses too; exit code 3 if the test is violated or not known.",
     P_MIN,
     metavar="P_MIN",
 )

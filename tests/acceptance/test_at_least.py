@@ -73,6 +73,56 @@ def test_a_hole_between_two_rows_that_errors_reach(tmp_path, sigmas, verdict):
         assert test["worst_margin"]["value"] == -0.5
 
 
+SURE = {"position_m": 1, "attitude_deg": 0}
+SPHERE = {"model": "constant", "rcs_m2": 1}
+
+
+def test_a_peak_of_a_mask_between_two_rows(tmp_path):
+    """The radar is hidden for some 100 m of 120 km, 2.8 deg above the horizon."""
+    mask = "azimuth_deg,elevation_deg\n0,0\n69,0\n70,6\n71,0\n360,0\n"
+    (tmp_path / "mask.csv").write_text(mask)
+    rows = "0,-60000,60000,-6000\n600,60000,60000,-6000\n"
+    s = flight(tmp_path, rows, [radar(1000, mask="mask.csv")], SPHERE, SURE)
+    test = analyses.variance(s, at_least=0.5).summary["threshold"]
+    assert (test["verdict"], test["p_d_itself_below"]) == ("violated", True)
+    place = 600 * (0.5 + 60e3 / np.tan(np.deg2rad(70)) / 120e3)
+    assert test["highest_probability_below"]["time_s"] == pytest.approx(place, abs=5)
+
+
+def test_the_farthest_point_between_two_poses_is_out_of_range():
+    """On a circle beside the radar the range is greatest between two of the azimuths."""
+    certain = {"position_m": 1, "constant": 0.01}
+    s = scenario(
+        aircraft__rcs=SPHERE,
+        radar__position_m=[0, -20000, 0],
+        radar__max_range_km=119.95,
+        geometry__range_km=100,
+        geometry__azimuth_deg={"start": -10, "stop": 10, "step": 20},
+        uncertainty={"aircraft": SURE, "radar": {"medium": certain}},
+    )
+    assert s.model.visible(s.aircraft, s.radar).all()
+    test = analyses.variance(s, at_least=0.5).summary["threshold"]
+    assert (test["verdict"], test["p_d_itself_below"]) == ("violated", True)
+
+
+def test_a_row_of_the_file_between_the_poses(tmp_path):
+    """One row is out of range, and the poses are 60 s apart."""
+    east = {0: 79500, 94: 79500, 95: 80300, 96: 79500, 240: 79500}
+    rows = "".join(f"{time},{time},{east},0\n" for time, east in east.items())
+    one = radar(1000, max_range_km=80)
+    s = flight(tmp_path, rows, [one], SPHERE, SURE)
+    changed = s.with_keys({"geometry.interpolate": "{step_s: 60}"})
+    assert len(changed.axis) == 5
+    assert analyses.variance(changed, at_least=0.5).summary["threshold"]["p_d_itself_below"]
+
+
+def test_rounding_of_weights_is_no_probability():
+    """All draws are above the limit, and their weights add up to 1 but for rounding."""
+    s = scenario(geometry__azimuth_deg={"start": 60, "stop": 90, "step": 30})
+    test = analyses.variance(s, at_least=0.01, k=9.0, method="automatic").summary["threshold"]
+    assert (test["verdict"], test["poses_violated"]) == ("not known", 0)
+
+
 def test_the_accuracy_that_it_requires_is_the_least():
     s = scenario(geometry__azimuth_deg={"start": 30, "stop": 30, "step": 1})
     s = s.with_analysis(method="automatic")
