@@ -327,7 +327,7 @@ def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
     monkeypatch.setattr(refinement, "MAX_POSES", 3)
     assert refinement.refined(s, flat(s), flat, 0.001, Requirement(0.0)).resolved
     # of more than these the one of the greatest P_D is computed
-    monkeypatch.setattr(refinement, "places", lambda s: np.linspace(0, 40, 49))
+    monkeypatch.setattr(refinement, "places", lambda s, lowest: np.linspace(0, 40, 49))
     found = refinement.refined(s, noise(s), noise, 0.001, Requirement(0.0))
     assert not found.resolved
     assert found.scenario.time_s == pytest.approx([0, 5 / 6, 10, 20, 30, 40])
