@@ -7,10 +7,11 @@ from scipy.special import ndtr
 from test_between_rows import flight, radar
 from test_verdicts import drawn_p_d
 
-from radar_sense import analyses
+from radar_sense import accuracy, analyses
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide
 from radar_sense.errors import InputError
+from radar_sense.propagation.draws import estimate
 
 POSES = {"start": 30, "stop": 60, "step": 30}
 
@@ -162,3 +163,13 @@ def test_options_that_exclude_each_other():
         analyses.budget(s, target=0.5, at_least=0.5)
     with pytest.raises(InputError, match=r"at_least must be .* less than 1, got 1"):
         analyses.variance(s, at_least=1)
+
+
+def test_the_values_of_a_search_are_those_of_a_miss():
+    s = scenario(geometry__azimuth_deg=POSES)
+    goal = accuracy._Goal(s, 0.5, 3.0, "automatic", of_miss=True)
+    found = estimate(s.states(), 1024, 3.0)
+    (lower, _), (error, _) = found.bounds
+    values, errors = goal._value(found)
+    np.testing.assert_array_equal(values, 1.0 - lower)
+    np.testing.assert_array_equal(errors, error)
