@@ -222,8 +222,8 @@ def _rows(scenario: Scenario, *, lowest: bool) -> FloatArray:
 
     Rows between which aspect, range and covariance change little are parts of the flight. Of each
     part the first row is returned, and those where P_D is greatest, a radar is closest, its limits
-    are nearest, and a variance is greatest; where the lowest P_D matters, those of the opposite
-    too.
+    are nearest, and a variance is greatest. Where the lowest P_D matters, the rows with the least
+    of each are returned, too.
     """
     geometry = scenario.geometry
     whole = scenario.along(geometry.whole)

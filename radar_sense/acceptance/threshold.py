@@ -205,7 +205,7 @@ class PathTest:
 
     @property
     def worst(self) -> int:
-        """A pose without a bound, or with the least margin; of several that of the least of P_D."""
+        """A pose without a bound, or with the least margin; of several the least of P_D itself."""
         margin = np.nan_to_num(np.round(self.test.margin, ALIKE), nan=-np.inf)
         return int(np.lexsort((self.test.requirement.margin(self.path.band.p_d), margin))[0])
 

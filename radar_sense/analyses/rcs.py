@@ -136,7 +136,7 @@ def _lobes(model: RCS) -> dict[str, float]:
     """Return the width [deg] of the narrowest lobe by azimuth and by elevation."""
     if not isinstance(model, TableRCS):
         return dict.fromkeys(("azimuth", "elevation"), math.degrees(model.detail))
-    # two steps of nodes make a lobe; its own elevations are among those of the table
+    # two steps of nodes make a lobe; the written table has the elevations of the nodes
     return {"azimuth": 2.0 * math.degrees(np.min(np.diff(model.azimuth))), "elevation": math.inf}
 
 

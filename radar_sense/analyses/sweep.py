@@ -208,7 +208,7 @@ def _draw(
     limit: float | None,
     k: float,
 ) -> None:
-    """Draw the largest or smallest P_D, its band, such a bound of any pose, and the threshold."""
+    """Draw the extreme P_D with its band, the extreme bound of any pose, and the threshold."""
     from radar_sense import plotting
 
     p_d, lower, upper, bound = lines
