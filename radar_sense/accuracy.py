@@ -295,11 +295,10 @@ class _Goal:
         most = limit if self.k is None else float(ndtr(-self.k))
 
         def compared(found: Estimate) -> tuple[FloatArray, FloatArray]:
+            values, errors = found.below if self.of_miss else found.above
             if self.k is None:
                 values, errors = self._value(found)
-                return values - most, errors
-            above, errors = found.above
-            return (1.0 - above if self.of_miss else above) - most, errors
+            return values - most, errors
 
         def settled(_: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
             excess, errors = compared(found)

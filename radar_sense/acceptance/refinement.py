@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -208,13 +208,8 @@ def places(scenario: Scenario, *, lowest: bool = False) -> FloatArray:
         place = np.sort(np.append(place, _middles(place)[coarse]))
     for turning in (_nearness, _margins):
         for sign in (1.0, -1.0) if lowest else (1.0,):
-            place = np.union1d(place, _maxima(nominal, place, partial(_signed, turning, sign)))
+            place = np.union1d(place, _maxima(nominal, place, turning, sign))
     return np.union1d(place, _crossings(nominal, place))
-
-
-def _signed(value: Callable[[Scenario], FloatArray], sign: float, poses: Scenario) -> FloatArray:
-    """Return functions (n, m) of poses times a sign."""
-    return sign * value(poses)
 
 
 def _rows(scenario: Scenario, *, lowest: bool) -> FloatArray:
@@ -275,13 +270,15 @@ def _margins(poses: Scenario) -> FloatArray:
 
 
 def _maxima(
-    scenario: Scenario, place: FloatArray, value: Callable[[Scenario], FloatArray]
+    scenario: Scenario, place: FloatArray, value: Callable[[Scenario], FloatArray], sign: float
 ) -> FloatArray:
     """Return the places (j,) of the maxima of functions (n, m) of the poses, by golden sections.
 
+    With the sign −1 those of the minima.
+
     The greatest value may lie beside the first or the last place, too.
     """
-    values = value(along(scenario, place))
+    values = sign * value(along(scenario, place))
     before, after = np.vstack([values[:1], values[:-1]]), np.vstack([values[1:], values[-1:]])
     # along a circle about a radar all distances are equal but for rounding
     flat = values - np.minimum(before, after) <= ROUNDING * abs(values).max(axis=0)
@@ -289,7 +286,7 @@ def _maxima(
     low, high = place[np.maximum(top - 1, 0)], place[np.minimum(top + 1, len(place) - 1)]
 
     def each(x: FloatArray) -> FloatArray:
-        return _in_any_order(scenario, x, value)[np.arange(len(x)), number]
+        return sign * _in_any_order(scenario, x, value)[np.arange(len(x)), number]
 
     if top.size:
         _, low = golden_section(each, low, high, SEARCH)

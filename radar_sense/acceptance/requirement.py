@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from scipy.special import ndtr
 
 from radar_sense.propagation import Band
 from radar_sense.propagation.draws import Estimate
 from radar_sense.states import FloatArray
-
-#: A share of draws above a limit that is less than 1 by this is all of them, but for rounding.
-ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -60,8 +56,4 @@ class Requirement:
 
     def beyond(self, found: Estimate) -> tuple[FloatArray, FloatArray]:
         """Return the probability (n,) of P_D beyond the limit, and its standard error (n,)."""
-        above, error = found.above
-        if not self.at_least:
-            return above, error
-        below = 1.0 - above
-        return np.where(below > ROUNDING, below, 0.0), error
+        return found.below if self.at_least else found.above

@@ -24,6 +24,8 @@ from radar_sense.uncertain_states import UncertainStates
 DRAWS = 1024
 #: Width of a stratum [standard deviations]. Twice or a quarter of it hardly changes an error.
 STRATUM = 0.5
+#: A share of draws that is less than 1 by this is all of them, but for the rounding of weights.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,13 @@ class Estimate:
     def above(self) -> tuple[FloatArray, FloatArray]:
         """P(P_D > p_max) (k,), and its standard error (k,)."""
         return self.values[4], self.errors[4]
+
+    @property
+    def below(self) -> tuple[FloatArray, FloatArray]:
+        """P(P_D ≤ p_max) (k,), and its standard error (k,)."""
+        above, error = self.above
+        rest = 1.0 - above
+        return np.where(rest <= ROUNDING, 0.0, rest), error
 
     @classmethod
     def constant(cls, poses: int, value: float) -> Estimate:
