@@ -24,7 +24,7 @@ from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, STD_CHANGE, distribution, mean_and_std
 from radar_sense.propagation.automatic import ERRORS
-from radar_sense.propagation.staged import FIRST
+from radar_sense.propagation.staged import draws_at_first
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import AIRCRAFT_RCS, PARAMETERS, type_name
 from radar_sense.states import (
@@ -197,8 +197,9 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         return _by_sobol_indices(scenario)
     names = sources_of(scenario)
     count = len(names)
-    judged = EVALUATIONS["form"] + EMPHASIS * FIRST  # FORM, and draws that judge it
-    at_pose = EVALUATIONS.get(method, judged)
+    at_pose = EVALUATIONS["form" if method == AUTOMATIC else method]
+    if method == AUTOMATIC:  # FORM, and draws that judge it
+        at_pose += EMPHASIS * float(draws_at_first(scenario.states()).mean())
     evaluations = len(scenario.aircraft) * len(scenario.radars) * at_pose
     what = f"{count:,} sources at {len(scenario.aircraft):,} poses"
     foresee(what, count * evaluations, less="fewer poses")

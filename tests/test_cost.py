@@ -63,17 +63,29 @@ def test_draws_are_announced_before_the_first(caplog, monkeypatch):
     assert "10,000,000 runs of 361 poses and 1 radar take some 6 minutes" in caplog.text
 
 
+@pytest.mark.all_draws
 def test_draws_at_many_poses_are_announced_before_the_first(caplog, monkeypatch):
     monkeypatch.setattr(draws, "_draw", stop)
     s = scenario().with_analysis(method="automatic")
     with pytest.raises(KeyboardInterrupt):
         rs.analyses.variance(s.at_poses(np.resize(np.arange(361), 120_000)))
-    assert "120,000 poses x 1,024 draws take some 74 seconds; fewer poses take less" in caplog.text
+    text = "122,880,000 draws at 120,000 poses take some 74 seconds; fewer poses take less"
+    assert text in caplog.text
+
+
+@pytest.mark.all_draws
+def test_more_draws_are_announced_where_the_cross_section_has_lobes(caplog, monkeypatch):
+    monkeypatch.setattr(draws, "_draw", stop)
+    lobes = {"aircraft.rcs": "{model: spikeball, lobes: 400, amplitude_m2: 0.18, floor_m2: 0.1}"}
+    s = rs.load_scenario("configs/paper.yaml", lobes).with_analysis(method="automatic")
+    with pytest.raises(KeyboardInterrupt):
+        rs.analyses.variance(s.at_poses(np.resize(np.arange(361), 7_500)))
+    assert "122,880,000 draws at 7,500 poses take some 74 seconds" in caplog.text
 
 
 def test_plain_draws_that_do_not_fit_in_memory_are_refused():
     s = scenario().with_analysis(method="montecarlo", runs=10**8)
-    with pytest.raises(rs.InputError, match=r"361 poses x 100,000,000 draws .* fewer --runs"):
+    with pytest.raises(rs.InputError, match=r"36,100,000,000 draws at 361 poses .* fewer --runs"):
         rs.analyses.variance(s)
 
 

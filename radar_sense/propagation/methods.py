@@ -25,7 +25,7 @@ from radar_sense.propagation.linear import Linear
 from radar_sense.propagation.moments import BETA, Distribution
 from radar_sense.propagation.plain import PlainDraws
 from radar_sense.propagation.probit import Probit
-from radar_sense.propagation.staged import FIRST, StagedDraws
+from radar_sense.propagation.staged import StagedDraws, draws_at_first
 from radar_sense.scenario import Scenario
 from radar_sense.states import BLOCK, FloatArray
 from radar_sense.uncertain_states import UncertainStates, uncertain_states
@@ -232,7 +232,7 @@ def std_off_in_scenario(
     if method == AUTOMATIC:  # these are by draws where FORM is off
         return np.zeros(len(std), dtype=bool)
     states = scenario.states()
-    _foresee(states, FIRST)
+    _foresee(states, draws_at_first(states))
     return judged(StagedDraws(states, BETA), (mean, std), of_moments, to_precision=True)[2]
 
 
@@ -261,9 +261,9 @@ def _distributions(
     """Yield the distributions of P_D by a method at parts of the poses."""
     check_choice("method", method, METHODS)
     if method == MONTE_CARLO:
-        _foresee(states, states.runs, "fewer --runs")
+        _foresee(states, np.full(len(states), states.runs), "fewer --runs")
     elif method == AUTOMATIC:
-        _foresee(states, FIRST)
+        _foresee(states, draws_at_first(states))
     done, poses = 0, len(states)
     for part in states.cut(BLOCK):
         if method == AUTOMATIC and p_max is not None:
@@ -279,7 +279,7 @@ def _unreliable(
 ) -> NDArray[np.bool_]:
     if method == AUTOMATIC:
         return np.asarray(~(moments.error <= BOUND_CHANGE))
-    _foresee(states, FIRST)
+    _foresee(states, draws_at_first(states))
     bounds = moments.lower, moments.upper
     drawn, confirmed, _ = judged(StagedDraws(states, beta), bounds, of_bounds, to_precision=False)
     off, rows = ~confirmed, np.flatnonzero(confirmed)
@@ -289,8 +289,9 @@ def _unreliable(
     return off
 
 
-def _foresee(states: UncertainStates, draws: int, less: str = "fewer poses") -> None:
-    """Say what the first stage of draws at each pose takes if it is long."""
-    evaluations = float(len(states)) * draws * len(states.model.radars) * EMPHASIS
-    memory = NUMBERS * 8.0 * draws
-    foresee(f"{len(states):,} poses x {draws:,} draws", evaluations, memory, less=less)
+def _foresee(states: UncertainStates, draws: NDArray[np.intp], less: str = "fewer poses") -> None:
+    """Say what draws at each pose (k,) take if it is long."""
+    evaluations = float(draws.sum()) * len(states.model.radars) * EMPHASIS
+    memory = NUMBERS * 8.0 * float(draws.max(initial=0))
+    what = f"{draws.sum():,} draws at {len(states):,} poses"
+    foresee(what, evaluations, memory, less=less)

@@ -72,33 +72,15 @@ class StagedDraws:
         """Return what few draws say of P_D at some poses, more of them where the RCS has lobes."""
         if self._given is not None:
             return self._given.at(rows)
-        found, with_lobes = Estimate.constant(len(rows), np.nan), self._lobed[rows]
-        for mask, draws in ((~with_lobes, FIRST), (with_lobes, PRECISE)):
-            if mask.any():
-                found.put(np.flatnonzero(mask), self._at(rows[mask], draws))
+        found, draws = Estimate.constant(len(rows), np.nan), self._draws_at_first[rows]
+        for number in np.unique(draws):
+            some = np.flatnonzero(draws == number)
+            found.put(some, self._at(rows[some], int(number)))
         return found
 
     @cached_property
-    def _lobed(self) -> NDArray[np.bool_]:
-        """Where (k,) ±3σ of the aspect of a radar are wider than a lobe of RCS or antenna.
-
-        Few draws may then miss a lobe that weighs as much as a tail. σ is at most this.
-        """
-        states, result = self.states, np.zeros(len(self.states), dtype=bool)
-        attitude = largest_variance(states.cov_aircraft, ATTITUDE)
-        for i, radar in enumerate(states.model.radars):
-            position = of_radar(i, POSITION)
-            line = states.aircraft[:, POSITION] - states.radar[:, position]
-            across = largest_variance(states.cov_aircraft, POSITION)
-            across = across + largest_variance(states.cov_radar, position)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                turned = across / np.sum(line * line, axis=1)
-            result |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(attitude + turned))
-            if radar.model.antenna is not None:
-                of_tilt = of_radar(i, slice(TILT_ERROR, TILT_ERROR + 1))
-                tilt = largest_variance(states.cov_radar, of_tilt)
-                result |= ~(radar.model.antenna.detail >= 6.0 * np.sqrt(tilt + turned))
-        return result
+    def _draws_at_first(self) -> NDArray[np.intp]:
+        return draws_at_first(self.states)
 
     def _at(self, rows: NDArray[np.intp], draws: int) -> Estimate:
         """Return what this number of draws says at some poses, from before where it is known."""
@@ -107,3 +89,26 @@ class StagedDraws:
         if new.size:
             known.put(new, estimate(self.states.at(new), draws, self._beta, self._p_max))
         return known.at(rows)
+
+
+def draws_at_first(states: UncertainStates) -> NDArray[np.intp]:
+    """Return the number of draws (k,) of the first stage at each of k poses.
+
+    It is `FIRST`, and `PRECISE` where ±3σ of the aspect of a radar are wider than a lobe of RCS or
+    antenna. Few draws may then miss a lobe that weighs as much as a tail. σ is at most this.
+    """
+    with_lobes = np.zeros(len(states), dtype=bool)
+    attitude = largest_variance(states.cov_aircraft, ATTITUDE)
+    for i, radar in enumerate(states.model.radars):
+        position = of_radar(i, POSITION)
+        line = states.aircraft[:, POSITION] - states.radar[:, position]
+        across = largest_variance(states.cov_aircraft, POSITION)
+        across = across + largest_variance(states.cov_radar, position)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turned = across / np.sum(line * line, axis=1)
+        with_lobes |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(attitude + turned))
+        if radar.model.antenna is not None:
+            of_tilt = of_radar(i, slice(TILT_ERROR, TILT_ERROR + 1))
+            tilt = largest_variance(states.cov_radar, of_tilt)
+            with_lobes |= ~(radar.model.antenna.detail >= 6.0 * np.sqrt(tilt + turned))
+    return np.where(with_lobes, np.intp(PRECISE), np.intp(FIRST))
