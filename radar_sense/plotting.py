@@ -114,6 +114,8 @@ LINES: tuple[tuple[str, Any], ...] = (
     ("#E69F00", (0, (3, 1, 1.2, 1, 1.2, 1))),
 )
 BAND = LINES[1]
+#: Of what radars share, neighbours in the legend.
+GREYS = "0.6", "0.3"
 #: Colours where one run passes, and where most do.
 SAMPLE_PATH_COLOURS = "0.85", "0.55"
 #: Columns and rows of the picture of runs; a column of a journal has some 900 pixels.
@@ -146,12 +148,13 @@ def radar_styles(names: Sequence[str]) -> dict[str, tuple[str, Any]]:
 
 
 def source_styles(sources: Sequence[str], radars: Sequence[str]) -> dict[str, tuple[str, Any]]:
-    """Return the style of each source. In a network radars have colours, the aircraft is grey."""
+    """Return the style of each source. In a network radars have colours, all others are greys."""
     if not radars:
         return dict(zip(sources, styles(), strict=False))
     others = [name for name in sources if name not in radars]
-    greys = [("0.5", dashes) for _, dashes in LINES]
-    return dict(zip(others, greys, strict=False)) | radar_styles(radars)
+    dashes = [LINES[(i + i // len(LINES)) % len(LINES)][1] for i in range(len(others))]
+    greys = zip(itertools.cycle(GREYS), dashes, strict=False)
+    return dict(zip(others, greys, strict=True)) | radar_styles(radars)
 
 
 def draw(plot: Callable[[Figure], object], footer: str, style: str = DEFAULT_STYLE) -> Figure:
@@ -376,7 +379,10 @@ def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], Flo
     if len(axis) == 1:
         axes[-1].set_xticks(coordinates)
     else:
-        axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=shown.steps))
+        span, largest = np.ptp(coordinates), np.max(abs(coordinates))
+        steps = shown.steps if span > 10 else DECIMAL  # parts of a degree or second are decimal
+        ticks = 7 if span > 0.001 * largest else 3  # of numbers with many digits
+        axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=ticks, steps=steps))
         axes[-1].ticklabel_format(axis="x", scilimits=(-3, 6))
     for ax in axes:
         ax.margins(x=0)
@@ -396,12 +402,16 @@ def key_in_words(key: str) -> str:
     return f"{words} [{unit}]" if unit else words
 
 
+#: Steps of ticks in the decimal system.
+DECIMAL = (1, 2, 2.5, 5, 10)
+
+
 class DisplayUnit(NamedTuple):
     """The label of an axis, the unit in units of `Axis`, and the steps of the ticks."""
 
     label: str
     unit: float = 1.0
-    steps: Sequence[float] = (1, 2, 2.5, 5, 10)
+    steps: Sequence[float] = DECIMAL
 
 
 #: Time is in seconds, as in all sentences and tables.

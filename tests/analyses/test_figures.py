@@ -141,6 +141,29 @@ def test_no_two_of_24_styles_are_alike(taken):
     assert not {colour for colour, _ in drawn} & {colour for colour, _ in taken}
 
 
+def test_what_many_radars_share_is_told_apart():
+    shared = [f"type_{i}" for i in range(10)]
+    styles = plotting.source_styles(["aircraft_position", *shared, "a", "b"], ["a", "b"])
+    assert len({*styles.values()}) == len(styles) == 13
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "wanted"),
+    [
+        (0, 180, [0, 30, 60, 90, 120, 150, 180]),
+        (40, 41, [40, 40.2, 40.4, 40.6, 40.8, 41]),
+        (40, 40.01, [40, 40.005, 40.01]),
+    ],
+)
+def test_ticks_of_azimuth(start, stop, wanted):
+    azimuths = {"start": start, "stop": stop, "step": (stop - start) / 10}
+    s = scenario(geometry__azimuth_deg=azimuths, analysis__method="linear")
+    figure = lay_out(analyses.variance(s).plot())
+    ticks = figure.axes[0].get_xticks()
+    inside = ticks[(ticks > start - 1e-9) & (ticks < stop + 1e-9)]
+    assert inside.tolist() == pytest.approx(wanted)
+
+
 def many_radars(count=12):
     """A network of radars around the aircraft, the last ones at its edges."""
     angle = 2 * np.pi * np.arange(count) / count
