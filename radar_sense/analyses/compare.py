@@ -112,7 +112,7 @@ def compare(
         found = {name: _difference(m, drawn, error, ends, axis) for name, ends in COMPARED.items()}
         largest[method] = {name: top for name, (top, *_) in found.items()}
         *_, bounds[method] = found["bounds"]
-        cells = "".join(f"{text:26}  " for *_, text in found.values())
+        cells = "".join(f"{text:27} " for *_, text in found.values())
         result.report.append(f"  {method:10} {cells.rstrip()}")
         if not plain and any(tells for _, tells, _ in found.values()):
             told.append(method)
@@ -122,7 +122,10 @@ def compare(
     if not plain:
         noise = words.peak(ERRORS * np.maximum(error.lower, error.upper), axis)
         shown = words.describe_extreme(noise, axis)
-        result.report.append(f"noise of the draws: up to {shown} in a bound")
+        result.report += [
+            f"the method {MONTE_CARLO} has {scenario.runs:,} runs",
+            f"noise of the draws: up to {shown} in a bound",
+        ]
     # a method that has no value at a pose is not nearest, and no draws would tell it from the truth
     whole = [method for method in moments if not missing[method].any()]
     unknown = [method for method in whole if method not in told]

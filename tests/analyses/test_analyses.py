@@ -197,7 +197,7 @@ def test_compare_tells_the_methods_apart_or_says_that_it_cannot(level, seed):
     _, compare = compared(level=level, seed=seed)
     result = compare()
     first, *rows = result.report
-    *table, noise = rows[2:]
+    *table, runs, noise = rows[2:]
     found = dict(zip(METHODS, table, strict=True))
     off = {"low": (0.0038, 0.0021), "high": (0.035, 0.0044)}[level]
     for method, most in zip(("linear", "probit"), off, strict=True):
@@ -206,6 +206,7 @@ def test_compare_tells_the_methods_apart_or_says_that_it_cannot(level, seed):
         error = 4 * max(result.table[f"mc_{end}_error"].max() for end in ("lower", "upper"))
         assert not told or float(told[1]) < most + error
     assert re.match(r"  form +(0\.000\d|\de-05) at [^(]+ \(noise\)", found["form"])
+    assert runs == "the method montecarlo has 500 runs"
     assert re.match(r"noise of the draws: up to 0\.00\d+ at .+ in a bound", noise)
     assert {"linear", "montecarlo"} <= set(result.summary["methods_told"])
     assert "cannot tell" in first
