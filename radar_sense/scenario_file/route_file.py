@@ -71,7 +71,8 @@ _ALLOWED = (
     "time_s or speed_m_s; north_m, east_m, down_m (or _km), "
     "or latitude_deg, longitude_deg, altitude_m; "
     "roll_deg, pitch_deg, yaw_deg; std_north_m to std_yaw_deg, "
-    "or cov_north_north_m2 to cov_yaw_yaw_deg2"
+    "or cov_north_north_m2 to cov_yaw_yaw_deg2; "
+    "of ADS-B time, icao24, lat, lon, geoaltitude or baroaltitude"
 )
 #: Columns of which a file has either the ones or the others.
 _EXCLUSIVE: tuple[tuple[Sequence[str], Sequence[str]], ...] = (
