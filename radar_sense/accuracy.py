@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.axis import reached
+from radar_sense.cost import FIRST_ORDER
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
@@ -44,9 +45,6 @@ WAY, NEAR = float(np.log(10.0)) / 2.0, 0.005
 #: Standard errors by which draws are sure that a limit is exceeded, and by which a factor that they
 #: alone find must meet it: a normal error is beyond 3 with a probability of 0.1 %.
 SURE, PROOF = 5.0, 3.0
-#: Methods whose 3σ by draws may exceed the limit by `STD_CHANGE` of it, as elsewhere. That of other
-#: methods may exceed it by `NEAR` of it, the standard error of the draws.
-FIRST_ORDER = ("linear", "probit")
 #: `RequiredAccuracy.residual_from` where P_D at the nominal states is beyond the limit.
 P_D_ITSELF = "P_D itself"
 #: Factors are searched from a millionth to a million. A larger factor counts as infinite, and a
@@ -343,7 +341,11 @@ class _Goal:
 
     @property
     def _allowed(self) -> float:
-        """The limit, and by how much draws may exceed it that confirm a factor by a method."""
+        """The limit, and by how much draws may exceed it that confirm a factor by a method.
+
+        Their 3σ may exceed it by `STD_CHANGE` of it of a method of first order, as elsewhere, and
+        of others by `NEAR` of it, the standard error of the draws.
+        """
         exact = self.k is None and self.method not in FIRST_ORDER
         return self.limit + (NEAR * self.limit if exact else self._off)
 

@@ -150,6 +150,10 @@ _OF_SCENARIO = tuple(
 )
 
 
+#: Beginning of the meaning of a column of one radar alone.
+OF_RADAR = "For radar "
+
+
 class Column(NamedTuple):
     """What a column of a table is: its unit ("" for a pure number) and its meaning."""
 

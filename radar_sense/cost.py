@@ -13,8 +13,9 @@ from radar_sense.errors import InputError
 
 #: Evaluations of P_D of one radar in a second on one thread (docs/benchmarks.md: 60 to 150 ns).
 RATE = 1e7
-#: Evaluations that a pose takes by each method, with its check (docs/benchmarks.md).
-EVALUATIONS = {"linear": 30.0, "probit": 30.0, "form": 350.0}
+#: Evaluations that a pose takes by a method of first order, and by any other (docs/benchmarks.md).
+FIRST_ORDER = {"linear": 30.0, "probit": 30.0}
+OTHER = 350.0
 #: Evaluations that a draw with emphasis on the tails takes, with its part of the statistics: on one
 #: machine a radar had 1.2e6 to 4.6e6 such draws in a second, and 1.1e7 to 2e7 plain evaluations.
 EMPHASIS = 6.0

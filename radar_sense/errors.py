@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from radar_sense.units import ascii_unit
 
@@ -71,6 +72,15 @@ def check_has(name: str, value: object, needed: Sequence[str], kind: str, exampl
         raise InputError(f"{name} must be {kind} such as {example}, got {describe(value)}")
     if missing:
         raise InputError(f"{name} has no {missing[0]}, which {kind} has, got {describe(value)}")
+
+
+def check_pair(what: str, returned: Any) -> tuple[Any, Any]:
+    """Return what a function of a user returns, or raise InputError unless it is a pair."""
+    if not isinstance(returned, tuple) or len(returned) != 2:
+        raise InputError(
+            f"{what} must return a pair, a value and a slope, got {describe(returned)}"
+        )
+    return returned
 
 
 class ComputationError(RuntimeError):

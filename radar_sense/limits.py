@@ -118,8 +118,15 @@ RUNS = Limit(at_least=2, at_most=1e9, whole=True)
 SEED = Limit(at_least=0, whole=True)
 WORKERS = Limit(at_least=1, at_most=256, whole=True)
 
-#: How uncertain states become a distribution of P_D; "automatic" chooses the method that is right.
-METHODS = ("linear", "probit", "form", "montecarlo", "automatic")
+#: How uncertain states become a distribution of P_D: the methods by name, each a module and a class
+#: of `propagation`. "automatic" chooses the method that is right.
+METHODS = {
+    "linear": "linear:Linear",
+    "probit": "probit:Probit",
+    "form": "form:Form",
+    "montecarlo": "plain:PlainDraws",
+    "automatic": "automatic:Automatic",
+}
 #: Formats of a figure.
 FORMATS = ("png", "pdf", "svg")
 #: Sizes of a figure: a journal's column, its page, and a slide.

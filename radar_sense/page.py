@@ -18,13 +18,13 @@ from string import Template
 import numpy as np
 
 from radar_sense import files
-from radar_sense.command import Result
+from radar_sense.command import OF_RADAR, Result
 from radar_sense.errors import printable
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
-#: Most columns of a result on the page. A network has some ten for each radar.
-MOST_COLUMNS = 14
+#: Most columns of a result on the page.
+MOST_COLUMNS = 30
 #: Most places of a least or largest value. More places are a tie of many equals.
 MOST_PLACES = 2
 
@@ -94,7 +94,7 @@ def _entry(section: Section) -> str:
 
 
 def _section(section: Section) -> str:
-    lines = "".join(f"<span>{escaped(line)}</span>" for line in section.lines)
+    lines = "".join(map(_line, section.lines))
     parts = [f"<h2>{escaped(section.question)}</h2>"]
     if section.result:
         by = f"{section.result.analysis}: {section.result.small_print}"
@@ -108,6 +108,12 @@ def _section(section: Section) -> str:
     return f'<section id="{section.key}">{"".join(parts)}</section>'
 
 
+def _line(line: str) -> str:
+    """Return a line: an indented one is a row of a table, and is not broken on a screen."""
+    kind = "" if line.startswith(" ") else ' class="words"'
+    return f"<span{kind}>{escaped(line)}</span>"
+
+
 def _figure(result: Result, words: str) -> str:
     drawn = base64.b64encode(result.figures(["svg"])["svg"]).decode()
     seen = escaped(f"Figure of {result.analysis}: {words}")
@@ -116,7 +122,9 @@ def _figure(result: Result, words: str) -> str:
 
 def _table(result: Result) -> str:
     """Return the least and the largest value of each column, and where they are."""
-    shown = list(result.table)[:MOST_COLUMNS]
+    columns = result.columns  # those of one radar alone are the last
+    ordered = sorted(columns, key=lambda name: columns[name].meaning.startswith(OF_RADAR))
+    shown = ordered[:MOST_COLUMNS]
     caption = f"Least and largest values of the table that radar-sense {result.analysis} writes"
     if others := len(result.table) - len(shown):
         caption += f"; it has {others} columns more"
@@ -135,7 +143,8 @@ def _cells(result: Result, name: str) -> Iterable[str]:
     known = values[np.isfinite(values)]
     is_map = any(column.ndim > 1 for column in result.table.values())  # and has two axes
     for extreme in (known.min(), known.max()) if known.size else (np.nan, np.nan):
-        words = f"{number(extreme)} {unit if known.size else ''}".strip()
+        words = f"{extreme:.10g}" if name == first and known.size else number(extreme)
+        words = f"{words} {unit if known.size else ''}".strip()
         if name != first and values.shape == result.table[first].shape and not is_map:
             words += _places(result, first, np.isclose(values, extreme, rtol=1e-9, atol=1e-9))
         yield f"<td>{escaped(words)}</td>"

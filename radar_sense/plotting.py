@@ -168,9 +168,10 @@ def draw(plot: Callable[[Figure], object], footer: str, style: str = DEFAULT_STY
         _small_print(figure, "" if page.ieee else footer)
         plot(figure)
         if page.ieee:
-            for axes in figure.axes:
-                for label in (axes.xaxis.label, axes.yaxis.label):
-                    label.set_text(re.sub(r" \[([^]]+)\]", r" (\1)", label.get_text()))
+            of_axes = [label for a in figure.axes for label in (a.xaxis.label, a.yaxis.label)]
+            of_legends = [text for legend in figure.legends for text in legend.get_texts()]
+            for text in (*of_axes, *of_legends):
+                text.set_text(re.sub(r" \[([^]]+)\]", r" (\1)", text.get_text()))
     return figure
 
 
@@ -590,7 +591,7 @@ def draw_legend(figure: Figure, *panels: Axes, title: str = "") -> None:
         each = range(len(labels), 0, -1)  # the first columns have the most rows
         columns = next(c for c in each if c == 1 or sum(map(max, np.array_split(width, c))) <= room)
     # The figure grows with the legend, to keep the size of the axes.
-    rows = -(-len(labels) // columns) + bool(title)
+    rows = -(-len(labels) // columns) + len(title.splitlines())
     _set_height(figure, figure.get_figheight() + points(_LEGEND_ROW * rows * size / 7.5))
     figure.legend(
         handles,

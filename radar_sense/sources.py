@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from radar_sense import covariance
 from radar_sense.axis import reached
-from radar_sense.cost import EMPHASIS, EVALUATIONS, foresee
+from radar_sense.cost import EMPHASIS, FIRST_ORDER, OTHER, foresee
 from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import ErrorKey
 from radar_sense.montecarlo.sobol import sobol_indices
@@ -197,7 +197,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         return _by_sobol_indices(scenario)
     names = sources_of(scenario)
     count = len(names)
-    at_pose = EVALUATIONS["form" if method == AUTOMATIC else method]
+    at_pose = FIRST_ORDER.get(method, OTHER)
     if method == AUTOMATIC:  # FORM, and draws that judge it
         at_pose += EMPHASIS * float(draws_at_first(scenario.states()).mean())
     evaluations = len(scenario.aircraft) * len(scenario.radars) * at_pose

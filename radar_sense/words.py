@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.axis import Axis, reached, runs_of
-from radar_sense.command import Result, Table
+from radar_sense.command import OF_RADAR, Result, Table
 from radar_sense.covariance import square_root
 from radar_sense.errors import counted
 from radar_sense.model.detectors import CFARS, DETECTORS, Detector, PulseDetector
@@ -332,7 +332,7 @@ def add_axis(table: Table, axis: Axis) -> None:
 
 def of_radar(name: str) -> tuple[str, str]:
     """Return the beginning of a column's meaning and the end of its name; "" for all radars."""
-    return (f"For radar {name} alone: ", f"_{name}") if name else ("", "")
+    return (f"{OF_RADAR}{name} alone: ", f"_{name}") if name else ("", "")
 
 
 def add_band(table: Table, moments: Moments, k: float = 3.0, radar: str = "") -> None:

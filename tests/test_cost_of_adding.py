@@ -1,4 +1,4 @@
-"""What a new key, command and warning cost, all really added to a copy of the package.
+"""What a new key, command, method and warning cost, all really added to a copy of the package.
 
 The test reads in the copy what a user would: command line, record, schema and reference. It counts
 the files and the lines that differ.
@@ -65,6 +65,20 @@ def _draw(figure, axis, ranges):
         plotting.draw_line(axes, x, distance / 1e3, style, label=name)
     plotting.finish(figure, axes, "Slant range [km]")
 '''
+METHOD = {"limits.py": ('    "linear": "linear:Linear",\n', '    "doubled": "doubled:Doubled",\n')}
+DOUBLED = '''"""First order with twice the deviation."""
+
+from radar_sense.propagation.linear import Linear
+
+
+class Doubled(Linear):
+    """P_D of uncertain states, taken to be normal with twice the σ of `linear`."""
+
+    def __init__(self, states, gradient=None):
+        super().__init__(states, gradient)
+        mean, std = self.moments
+        self.moments = mean, 2.0 * std
+'''
 WARNING = {
     "words.py": (
         '    "too-fast": (\n',
@@ -92,7 +106,8 @@ def copy(tmp_path_factory):
     for name, (old, new) in KEY.items():
         edit(folder, name, old, new if old == OLD_MIN_RANGE else old + new)
     (folder / "radar_sense/analyses/closest.py").write_text(CLOSEST)
-    for name, (old, new) in WARNING.items():
+    (folder / "radar_sense/propagation/doubled.py").write_text(DOUBLED)
+    for name, (old, new) in (*WARNING.items(), *METHOD.items()):
         edit(folder, name, old, new + old)
     edit(folder, "plausibility.py", *CHECKS)
     return folder
@@ -106,6 +121,7 @@ def outcomes(copy):
     write(copy, "misspelt.yaml", radar__def_us=1)
     write(copy, "steep.yaml", aircraft__attitude_deg=[0, 70, 0])
     write(copy, "level.yaml")
+    write(copy, "doubled.yaml", name="doubled")
     return dict(zip(LINES, run(copy, *LINES), strict=True))
 
 
@@ -155,10 +171,11 @@ def run(copy, *lines):
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def write(copy, name="my.yaml", **changes):
-    (copy / name).write_text(yaml.safe_dump(document(**changes)))
+def write(copy, file="my.yaml", **changes):
+    (copy / file).write_text(yaml.safe_dump(document(**changes)))
 
 
+METHODS = "linear", "doubled"
 LINES = (
     ("check", "my.yaml"),
     ("variance", "my.yaml", "--method", "linear", "--no-plot"),
@@ -173,15 +190,24 @@ LINES = (
     ("check", "steep.yaml"),
     ("check", "level.yaml"),
     "make_reference.warnings_section()",
+    *(f"rs.propagate_scenario(rs.load_scenario(), method={m!r}).std[0]" for m in METHODS),
+    ("compare", "doubled.yaml", "--no-plot", "--runs", "100"),
+    *(
+        (name, "doubled.yaml", "--no-plot", "--method", "doubled")
+        for name in ("variance", "sensitivity", "budget", "validate", "range", "map")
+    ),
+    ("report", "doubled.yaml", "--method", "doubled"),
 )
 
 
 def test_what_additions_cost(copy):
     """A key costs a line and one where it becomes SI, a command with its figure costs a file, and a
-    warning costs a mask and a sentence.
+    warning costs a mask and a sentence. A method costs a file and its line in the list.
     """
     lines = cost(copy)
     assert lines.pop("analyses/closest.py") < 30
+    assert lines.pop("propagation/doubled.py") < 15
+    assert lines.pop("limits.py") == 1
     key = {"scenario_file/sections.py": 1, "scenario_file/build_radar.py": 1}
     assert lines == {**key, "words.py": 1, "plausibility.py": 4}
 
@@ -214,8 +240,17 @@ def test_a_command(copy, outcomes):
 
 
 def test_a_warning(outcomes):
-    steep, level, reference = (outcomes[line] for line in LINES[10:])
+    steep, level, reference = (outcomes[line] for line in LINES[10:13])
     assert "Warning: the aircraft climbs steeply at all 361 poses [steep]\n" in steep[1]
     assert (level[0], "[steep]" in level[1]) == (0, False)
     sentence = "The aircraft looks up by more than 60 deg: is down positive downwards?"
     assert f"### `steep`\n\n{sentence}\n" in reference[1]
+
+
+def test_a_method(outcomes):
+    (_, linear), (_, doubled), compared, *others = (outcomes[line] for line in LINES[13:])
+    assert float(doubled) == pytest.approx(2 * float(linear))
+    assert "  doubled    " in compared[1]
+    for code, text in others:
+        assert code in (0, 3), text  # `validate` says that it is off
+        assert "doubled" in text

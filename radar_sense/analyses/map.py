@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -53,6 +54,8 @@ FLAT = 0.4
 #: Letters of all names of radars, in an inch of a figure with letters of 8 pt, up to which the
 #: names are on the map. More have numbers there.
 LETTERS = 18
+#: Letters of the title in an inch.
+IN_TITLE = 15
 #: The default of the ends of the map.
 AROUND = "around radars and path"
 
@@ -296,18 +299,19 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
     shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
 
+    width, flat = plotting.nominal_width(figure), shape < FLAT
+    title = _pose_in_words(result.summary).replace(", roll", "\nroll")  # else too wide
     names, letters = scenario.model.names, sum(map(len, scenario.model.names))
-    if letters > LETTERS * plotting.nominal_width(figure) and figure.get_supxlabel():
+    if letters > LETTERS * width:
         numbered = [(str(number), name) for number, name in enumerate(names, start=1)]
-        plotting.add_small_print(figure, ", ".join(map("\N{NO-BREAK SPACE}".join, numbered)))
+        key = ", ".join(map("\N{NO-BREAK SPACE}".join, numbered))
+        title += "\n" + textwrap.fill(key, int(IN_TITLE * width))
         names = tuple(number for number, _ in numbered)
-    flat = shape < FLAT
-    height = min(2.25 * plotting.nominal_width(figure) / 3.5, 3.6) * shape
+    height = min(2.25 * width / 3.5, 3.6) * shape + 0.13 * title.count("\n")
     plotting.set_height(figure, (1.5 if flat else 0.75) + height)
     figure.set_layout_engine("compressed")  # for a fixed aspect
     axes = figure.subplots()
     axes.grid(visible=False)
-    title = _pose_in_words(result.summary).replace(", roll", "\nroll")  # else too wide
     axes.set_title(title, fontsize=plotting.points(7.5))
     colours = plotting.colours_of_p_d()
     image = axes.imshow(

@@ -192,7 +192,8 @@ def mission(
         _add_differences(result, network, clipped, names, k)
     result.report.append(_describe_looks(looks))
     largest = (f"{key} {words.describe_extreme(top, axis)}" for key, top in errors.items())
-    result.report.append(f"largest standard error of a bound: {', '.join(largest)}")
+    whose = " of all radars together" if radars else ""
+    result.report.append(f"largest standard error of a bound{whose}: {', '.join(largest)}")
     draws = "mission --runs adds plain draws" + ", with --radar for one radar" * bool(radars)
     text = f"a bound has a standard error above {MOST_ERROR:g}; {draws}"
     result.warnings += words.gathered(

@@ -16,6 +16,7 @@ from radar_sense.command import (
     DOWN_KM,
     LEVEL,
     METHOD,
+    OF_RADAR,
     ONE_RADAR,
     Figure,
     Option,
@@ -25,7 +26,7 @@ from radar_sense.command import (
 )
 from radar_sense.cost import foresee
 from radar_sense.coverage.ranges import PRECISION, RangeAt, limit_of_radar, range_at
-from radar_sense.coverage.rays import END, EVALUATIONS, FARTHEST, rays, survey
+from radar_sense.coverage.rays import END, FARTHEST, LINEAR, OTHER, rays, survey
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.plausibility import height_of_option
@@ -121,7 +122,7 @@ def detection_range(
     }
     singles = single_radar_scenarios(scenario) or {"": scenario}
     rays_in_all = len(angle_deg) * len(singles)
-    evaluations = rays_in_all * EVALUATIONS[method]
+    evaluations = rays_in_all * (LINEAR if method == "linear" else OTHER)
     foresee(f"{rays_in_all:,} rays", evaluations, less="rays of a longer --step-deg")
     surveys = {
         name: survey(rays(single, np.deg2rad(angle_deg), **options))
@@ -134,7 +135,7 @@ def detection_range(
 
     add_axis(result.table, axis)
     columns = [  # each range with the end of its names and the start of its meanings
-        (at, f"{at.p_d:g}_{name}" if name else f"{at.p_d:g}", f"For radar {name}: " if name else "")
+        (at, f"{at.p_d:g}_{name}" if name else f"{at.p_d:g}", f"{OF_RADAR}{name}: " if name else "")
         for name, of_radar in ranges.items()
         for at in of_radar
     ]
@@ -355,9 +356,8 @@ def _draw(
     if any(at.reach.endless.any() for of_radar in ranges.values() for at in of_radar):
         text = f"no line where P_D is still higher at {FARTHEST / 1e3:g} km"
         plotting.add_small_print(figure, text)
-    if count > 1:
-        plotting.add_small_print(figure, f"{'nose' if by == ASPECT else 'north'} up")
-    unit = "slant range in km, " if count > 1 else ""
+    up = "nose" if by == ASPECT else "north"
+    unit = f"slant range in km, {up} up\n" if count > 1 else ""
     drawn = panels.flat[:count]
     most = max(drawn, key=lambda panel: len(panel.get_legend_handles_labels()[1]))
     plotting.draw_legend(figure, most, title=unit + title)

@@ -84,10 +84,10 @@ def required_accuracy(
     start = f"for {goal} {place}{between}, "
     if required["all"].residual_from == P_D_ITSELF:
         side = "above" if at_least is None else "below"
-        itself = f"P_D itself is {side} at {axis.format(required['all'].place)}"
+        itself = f"P_D itself is {side}, most at {axis.format(required['all'].place)}"
         lines = [f"{start}no better knowledge helps: {itself}"]
     else:
-        lines = [f"{start}sigma of one source (others unchanged) or of all must be:"]
+        lines = [f"{start}sigma of all sources or of one (others unchanged) must be:"]
         lines += _rows(required, scenario, axis)
     numbers = {
         **({"three_sigma": limit} if asked is None else asked.numbers),
@@ -100,10 +100,18 @@ def required_accuracy(
 
 
 def _rows(required: Mapping[str, RequiredAccuracy], scenario: Scenario, axis: Axis) -> list[str]:
-    """Return a line for each source, with those of its parts below it."""
+    """Return a line for all sources, and for each with those of its parts below it.
+
+    What is enough alone comes before what is not.
+    """
     whole_of = {name: source.part_of for name, source in sources_of(scenario).items()}
-    place_of = [*required].index
-    names = sorted(required, key=lambda name: place_of(whole_of.get(name) or name))
+    place_of = ["all", *required].index
+
+    def order(name: str) -> tuple[bool, int]:
+        whole = whole_of.get(name) or name
+        return required[whole].factor is None, place_of(whole)
+
+    names = sorted(required, key=order)
     return words.rows(
         (
             f"  {name.removeprefix(f'{whole}_')}" if (whole := whole_of.get(name)) else name,

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from radar_sense.cost import EVALUATIONS, foresee
+from radar_sense.cost import FIRST_ORDER, OTHER, foresee
 from radar_sense.errors import InputError, counted
 from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
@@ -194,7 +194,7 @@ def p_d_in_cells(
             return (p_d,)
         return p_d, upper_bound(scenario.at_states(aircraft), method, beta).reshape(p_d.shape)
 
-    at_cell = EVALUATIONS.get(method, EVALUATIONS["form"]) if method else 1.0
+    at_cell = FIRST_ORDER.get(method, OTHER) if method else 1.0
     _foresee(cells, at_cell, workers)
     return _in_cells(cells, planes, workers)
 

@@ -45,8 +45,9 @@ INSIDE = 1.0 - 1e-9
 END = INSIDE * FARTHEST
 #: |z| of a P_D that is 0 or 1 to rounding.
 LARGEST_PROBIT = 40.0
-#: Evaluations of P_D that take as long as a ray with its band, which draws judge or replace.
-EVALUATIONS = {"linear": 10_000, "probit": 70_000, "form": 80_000, "automatic": 80_000}
+#: Evaluations of P_D that take as long as a ray with its band, which draws judge or replace: by
+#: `linear`, and by any other method.
+LINEAR, OTHER = 10_000, 80_000
 
 #: Function from distances (n, k) to whether (n, k) the ray reaches the value there.
 Reaches = Callable[[FloatArray], NDArray[np.bool_]]

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, ndtri_exp
 
-from radar_sense.errors import InputError, check_has
+from radar_sense.errors import InputError, check_has, check_pair
 from radar_sense.limits import Limit, check_number, check_parameters, parameter
 from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tails
 from radar_sense.model.normal import density, hazard
@@ -63,11 +63,12 @@ def check_detector(detector: Any, p_fa: float) -> None:
     dB, and its slope is compared with differences.
     """
     check_has("detector", detector, ("p_d", "linearize_probit"), "a detector", "Marcum()")
-    if type(detector) in DETECTORS.values():
+    if type(detector).__module__.startswith("radar_sense."):
         return
     name, snr = type(detector).__name__, np.geomspace(1e-2, 1e3, 26)
     with np.errstate(all="ignore"):
-        p_d, (z, slope) = detector.p_d(snr, p_fa), detector.linearize_probit(snr, p_fa)
+        p_d, both = detector.p_d(snr, p_fa), detector.linearize_probit(snr, p_fa)
+        z, slope = check_pair(f"{name}.linearize_probit", both)
         low, high = (detector.linearize_probit(snr * (1.0 + s), p_fa)[0] for s in (-_STEP, _STEP))
         numeric = (high - low) / (2.0 * _STEP * snr)
     for what, values in (

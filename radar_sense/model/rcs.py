@@ -26,16 +26,24 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
-from radar_sense.errors import InputError, check_has
-from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
+from radar_sense.errors import InputError, check_has, check_pair, describe
+from radar_sense.limits import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Limit,
+    check_parameters,
+    parameter,
+    plain_number,
+)
 from radar_sense.model.geometry import Turn, join, split
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS
 from radar_sense.states import FloatArray, real_array
 
 #: What turns the directions in which an RCS is asked for its gradient off axes of symmetry; the
-#: step of the differences [m], a millionth of the distance; and the relative error of the gradient
-#: that is allowed, beside rounding, a part of σ_r.
-_ASIDE, _STEP, _GRADIENT_ERROR, _ROUNDING = np.array([0.13, 0.07, 0.09]), 0.1, 0.02, 1e-14
+#: step of the differences [m], a millionth of the distance; and the relative errors of σ_r and of
+#: the gradient that are allowed, the latter beside rounding, a part of σ_r.
+_ASIDE, _STEP = np.array([0.13, 0.07, 0.09]), 0.1
+_VALUE_ERROR, _GRADIENT_ERROR, _ROUNDING = 1e-6, 0.02, 1e-14
 _LOBES = Limit(at_least=1, at_most=1e6, whole=True)
 
 C = TypeVar("C", bound=type[Any])
@@ -80,18 +88,20 @@ class RCS(Protocol):
 
 
 def check_rcs(rcs: Any) -> None:
-    """Raise InputError unless an RCS returns cross sections of the right shape, finite and >= 0.
+    """Raise InputError unless an RCS is as `RCS` says, finite and >= 0, with the right gradient.
 
-    A model of this package does. Any other is asked in 26 directions around the aircraft.
+    A model of this package is. Any other is asked in 26 directions around the aircraft.
     """
-    if type(rcs) in RCS_MODELS.values():
-        return
     needed = ("cross_section", "linearize", "isotropic", "detail")
     check_has("rcs", rcs, needed, "an RCS model", "ConstantRCS(0.1)")
-    name = type(rcs).__name__
+    if type(rcs).__module__.startswith("radar_sense."):
+        return
+    name, detail = type(rcs).__name__, plain_number(rcs.detail)
+    if not isinstance(detail, (int, float)) or not detail > 0:  # NaN is not
+        raise InputError(f"{name}.detail must be a number greater than 0, got {describe(detail)}")
     around = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
     vectors = 1e5 * around[around.any(axis=1)].reshape(2, 13, 3)
-    sigma, gradient = rcs.linearize(vectors)
+    sigma, gradient = check_pair(f"{name}.linearize", rcs.linearize(vectors))
     for what, values, shape in (
         (f"{name}.cross_section", rcs.cross_section(vectors), (2, 13)),
         (f"{name}.linearize", sigma, (2, 13)),
@@ -108,6 +118,15 @@ def check_rcs(rcs: Any) -> None:
                 f"{what} must be finite and not negative, got {array[wrong][0]:g} at azimuth "
                 f"{azimuth:.3g} and elevation {elevation:.3g} deg"
             )
+    same = {
+        f"{name}.linearize must return the σ_r of cross_section": rcs.cross_section(vectors),
+        f"σ_r of {name} must not depend on the distance": rcs.cross_section(10.0 * vectors),
+    }
+    if rcs.isotropic:
+        same[f"σ_r of {name}, which is isotropic, must be the same at all aspects"] = sigma[:1, :1]
+    for problem, other in same.items():
+        if not np.allclose(other, sigma, rtol=_VALUE_ERROR, atol=0.0):
+            raise InputError(problem)
     aside = vectors + _ASIDE * np.linalg.norm(vectors, axis=-1, keepdims=True)
     numeric = join(
         (rcs.cross_section(aside + step) - rcs.cross_section(aside - step)) / (2.0 * _STEP)

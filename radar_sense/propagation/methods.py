@@ -1,17 +1,19 @@
 """The methods of propagation by name: from uncertain states to a distribution of P_D.
 
-To add a method, write a file with its class and add a row to `METHODS`.
+To add a method, write a file with its class and add a row to `limits.METHODS`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radar_sense import limits
 from radar_sense.cost import EMPHASIS, foresee
 from radar_sense.errors import InputError, check_choice, counted
 from radar_sense.limits import POSITIVE, check_number
@@ -20,11 +22,7 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.progress import report
 from radar_sense.propagation.automatic import BOUND_CHANGE, Automatic, judged, of_bounds, of_moments
 from radar_sense.propagation.draws import Estimate
-from radar_sense.propagation.form import Form
-from radar_sense.propagation.linear import Linear
 from radar_sense.propagation.moments import BETA, Distribution
-from radar_sense.propagation.plain import PlainDraws
-from radar_sense.propagation.probit import Probit
 from radar_sense.propagation.staged import StagedDraws, draws_at_first
 from radar_sense.scenario import Scenario
 from radar_sense.states import BLOCK, FloatArray
@@ -40,11 +38,7 @@ NUMBERS = 12
 
 
 METHODS: Mapping[str, Callable[[UncertainStates], Distribution]] = {
-    "linear": Linear,
-    "probit": Probit,
-    "form": Form,
-    MONTE_CARLO: PlainDraws,
-    AUTOMATIC: Automatic,
+    name: resolve_name(f"radar_sense.propagation.{place}") for name, place in limits.METHODS.items()
 }
 
 

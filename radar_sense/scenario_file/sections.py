@@ -479,7 +479,7 @@ class Analysis(Section):
     runs: int = key("Monte Carlo runs.", RUNS, default=500)
     seed: int = key("Seed of the random numbers.", SEED, default=1)
     method: str = key(
-        "How uncertain states become a distribution of P_D.", METHODS, default="automatic"
+        "How uncertain states become a distribution of P_D.", tuple(METHODS), default="automatic"
     )
 
 

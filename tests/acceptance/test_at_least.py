@@ -139,7 +139,7 @@ def test_the_accuracy_that_it_requires_is_the_least():
         changed = s.with_keys({"uncertainty.radar.medium.constant": f"{std:.12g}"})
         assert analyses.variance(changed, at_least=p_min).passed == holds
     impossible = analyses.budget(s, at_least=float(p_d + 0.01)).report[0]
-    assert impossible.endswith("no better knowledge helps: P_D itself is below at 30 deg")
+    assert impossible.endswith("no better knowledge helps: P_D itself is below, most at 30 deg")
 
 
 def test_the_accuracy_to_first_order_is_in_closed_form():

@@ -448,9 +448,9 @@ def test_a_bound_without_a_value_is_not_known_to_hold(method):
 def test_the_budget_of_a_threshold(tool):
     done = tool("budget", "--threshold", "0.65", "--at", "45", "--no-plot")
     assert done.code == 0
-    assert "for P_D + 3 sigma <= 0.65 at 45 deg, sigma of one source" in done.out
+    assert "for P_D + 3 sigma <= 0.65 at 45 deg, sigma of all sources" in done.out
     above = tool("budget", "--threshold", "0.5", "--at", "45", "--no-plot")
-    assert "no better knowledge helps: P_D itself is above at 45 deg" in above.out
+    assert "no better knowledge helps: P_D itself is above, most at 45 deg" in above.out
     assert "may grow" in tool("budget", "--threshold", "0.9", "--at", "45", "--no-plot").out
 
 

@@ -627,5 +627,5 @@ def test_many_long_names_are_numbers_on_the_map(letters, numbered):
     figure = coverage_map(dataclasses.replace(s, radars=radars), **SMALL).plot()
     shown = [text.get_text() for text in figure.axes[0].texts]
     assert shown == (["1", "2", "3"] if numbered else names)
-    printed = figure.get_supxlabel().replace("\N{NO-BREAK SPACE}", " ")
+    printed = figure.axes[0].get_title().replace("\N{NO-BREAK SPACE}", " ")
     assert (f"2 {names[1]}" in " ".join(printed.split())) == numbered

@@ -200,7 +200,7 @@ def test_report(tool):
         error = summary["largest_standard_error_of_bounds"][event]["value"]
         ends = [found[f"{before}{end}_3sigma_se"] for end in ("lower", "upper")]
         assert error == np.max(ends)
-        assert f"{event} {error:.4f} at" in out[out.index("largest standard error of a bound:") :]
+        assert f"{event} {error:.4f} at" in out[out.index("largest standard error of a bound") :]
         columns = {
             "p": p, "mean": f"mean_{before}cumulative", "mean_se": "mean_cumulative_se",
             "sigma": f"sigma_{before}cumulative",

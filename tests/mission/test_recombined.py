@@ -130,7 +130,7 @@ def test_bounds_grow_with_time_and_have_standard_errors(tmp_path):
                 assert result.table[f"{before}{end}_3sigma_se{radar}"].min() >= 0
     assert list(result.table)[-1] == "mean_track_se_three"
     report = "\n".join(result.report)
-    assert "\nlargest standard error of a bound: detection 0." in report
+    assert "\nlargest standard error of a bound of all radars together: detection 0." in report
     # replicates and then runs are told
     assert [done for what, done, _ in seen if what == "replicates"] == list(range(1, 9))
     assert seen[-1] == ("runs", 20, 20)

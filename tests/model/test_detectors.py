@@ -188,6 +188,11 @@ class Halved(Own):
         return 0.5 * super().p_d(snr, p_fa)
 
 
+class Bare(Own):
+    def linearize_probit(self, snr, p_fa):
+        return super().linearize_probit(snr, p_fa)[0]
+
+
 class One(Own):
     def p_d(self, snr, p_fa):
         return 0.5
@@ -211,6 +216,7 @@ class Saturated(Own):
         (Unknown, "z of Unknown.linearize_probit must be a number, it is NaN at S = 1"),
         (Falling, "P_D of Falling must rise with the signal-to-noise ratio S"),
         (Halved, "z of Halved.linearize_probit is not the probit of Halved.p_d: P_D differs by 0."),
+        (Bare, "Bare.linearize_probit must return a pair, a value and a slope, got array"),
         (One, r"One.p_d must have the shape of S, \(26,\), got \(\)"),
     ],
 )

@@ -10,6 +10,7 @@ from mpmath import mp, mpf
 
 import radar_sense as rs
 from radar_sense.analyses.rcs import directions
+from radar_sense.model.rcs import RCS_MODELS
 
 #: Table I: the paper's a acts along the wing, b down, c along the nose.
 A, B, C = 0.15, 0.13, 0.21
@@ -148,6 +149,53 @@ class Cardioid:
         unit = body_vector / distance
         gradient = (np.eye(3)[0] - unit[..., :1] * unit) / distance
         return self.cross_section(body_vector), self.factor * gradient
+
+
+class Halved(Cardioid):
+    def linearize(self, body_vector):
+        sigma, gradient = super().linearize(body_vector)
+        return 0.5 * sigma, gradient
+
+
+class Unscaled(Cardioid):
+    def cross_section(self, body_vector):
+        return 1e6 + body_vector[..., 0]
+
+
+class Bare(Cardioid):
+    def linearize(self, body_vector):
+        return super().linearize(body_vector)[0]
+
+
+NOT_CARDIOID = {
+    "Halved.linearize must return the σ_r of cross_section": Halved,
+    "σ_r of Unscaled must not depend on the distance": Unscaled,
+    "σ_r of Round, which is isotropic, must be the same at all aspects": type(
+        "Round", (Cardioid,), {"isotropic": True}
+    ),
+    "Bare.linearize must return a pair, a value and a slope, got array": Bare,
+}
+
+
+@pytest.mark.parametrize("message", NOT_CARDIOID)
+def test_a_cross_section_of_ones_own_is_one_function_of_the_aspect(message):
+    with pytest.raises(rs.InputError, match=rf"^{message}"):
+        rs.DetectionModel(rcs=NOT_CARDIOID[message](1.0), p_fa=1e-4)
+
+
+@pytest.mark.parametrize("detail", [0, -1.0, np.nan, "x", None])
+def test_the_detail_of_a_cross_section_of_ones_own_is_a_positive_number(detail):
+    rs.DetectionModel(rcs=Cardioid(1.0, np.inf), p_fa=1e-4)
+    with pytest.raises(
+        rs.InputError, match=r"^Cardioid.detail must be a number greater than 0, go"
+    ):
+        rs.DetectionModel(rcs=Cardioid(1.0, detail), p_fa=1e-4)
+
+
+def test_a_registered_cross_section_of_ones_own_is_checked_too(monkeypatch):
+    monkeypatch.setitem(RCS_MODELS, "halved", Halved)
+    with pytest.raises(rs.InputError, match=r"^Halved.linearize must return"):
+        rs.DetectionModel(rcs=Halved(1.0), p_fa=1e-4)
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.5, -1.0, 1.05])
