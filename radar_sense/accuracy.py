@@ -65,7 +65,7 @@ class RequiredAccuracy:
         residual_from: Largest of the other sources at the place. None if all sources are scaled
             together, or the method knows of no other. `P_D_ITSELF` if P_D exceeds the limit.
         known: False if a larger factor may do: beyond `factor` there is no value, or draws alone
-            have found it.
+            have found it. Of an infinite factor False if a smaller one may not do.
     """
 
     factor: float | None
@@ -81,6 +81,7 @@ def required_accuracies(
     *,
     k: float | None = None,
     at_least: bool = False,
+    itself: bool = True,
     method: str = "linear",
 ) -> dict[str, RequiredAccuracy]:
     """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
@@ -88,7 +89,9 @@ def required_accuracies(
     The search by the method assumes that the value grows with the source. Correlations and limits
     of a radar can violate this. Draws therefore judge every factor at the deviations that it leads
     to, and a factor above 1 also on the way there. Where they disagree, they find a smaller factor
-    that they are sure of. Where P_D itself is beyond the limit of its bound, no accuracy is enough.
+    that they are sure of. Where P_D `itself` must be within the limit of its bound and is not, no
+    accuracy is enough. Where it need not be, and is not, a smaller σ may lead beyond the limit: a
+    source that no factor is found for is not known.
 
     The bound is the one at Φ(k), which is P_D + kσ by `linear`, or the one at Φ(−k) where P_D must
     be at least the limit; without k the limit is one of 3σ.
@@ -98,12 +101,15 @@ def required_accuracies(
     """
     every = sources_of(scenario)
     p_d = scenario.p_d()
-    if k is not None and np.any(p_d < limit if at_least else p_d > limit):
+    beyond = k is not None and bool(np.any(p_d < limit if at_least else p_d > limit))
+    if beyond and itself:
         pose = int(np.argmax(reached(-p_d if at_least else p_d)))
         place = float(scenario.axis.values[pose])
         impossible = RequiredAccuracy(None, float(p_d[pose]), place, P_D_ITSELF)
         return dict.fromkeys((*sources_of(scenario, SOURCE, PART), "all"), impossible)
-    goal = _Goal(scenario, 1.0 - limit if at_least else limit, k, method, of_miss=at_least)
+    goal = _Goal(
+        scenario, 1.0 - limit if at_least else limit, k, method, of_miss=at_least, beyond=beyond
+    )
     by_name: dict[str, RequiredAccuracy] = {}
     for name, source in every.items():
         # a part of what is not enough alone is not enough
@@ -117,14 +123,22 @@ class _Goal:
 
     That P_D is at least a limit is a limit of a miss, 1 − P_D, and all values are then of a miss.
 
-    `names` are names of `sources_of`. A factor is one on their standard deviations.
+    `names` are names of `sources_of`. A factor is one on their standard deviations. P_D itself may
+    be `beyond` the limit.
     """
 
     def __init__(
-        self, scenario: Scenario, limit: float, k: float | None, method: str, *, of_miss: bool
+        self,
+        scenario: Scenario,
+        limit: float,
+        k: float | None,
+        method: str,
+        *,
+        of_miss: bool,
+        beyond: bool = False,
     ) -> None:
         self.scenario, self.limit, self.k, self.method = scenario, limit, k, method
-        self.of_miss = of_miss
+        self.of_miss, self.beyond = of_miss, beyond
         self.budget_at = cache(
             lambda pose: error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
         )
@@ -180,9 +194,9 @@ class _Goal:
                 return 1.0
             return value - self.limit
 
-        if excess(-np.inf) > 0.0:
-            return None, not undefined
         low = high = 0.0
+        if excess(-np.inf) > 0.0 and excess(0.0) > 0.0:
+            return None, not (undefined or self.beyond)
         if excess(0.0) <= 0.0:
             while excess(high) <= 0.0:
                 if high == LARGEST_LOG_FACTOR:
@@ -214,7 +228,10 @@ class _Goal:
         start, last = 0.0, LARGEST_LOG_FACTOR
         if factor:
             last = min(float(np.log(factor)), last)
-            agree = all(self._agrees(names, at, self._allowed) for at in _on_the_way(start, last))
+            # beside its greatest values P_D hardly changes where its probability changes much
+            agree = not self.beyond and all(
+                self._agrees(names, at, self._allowed) for at in _on_the_way(start, last)
+            )
             # FORM may be within the limit where the draws of the threshold test do not find it
             doubted = self.method == AUTOMATIC and self.k is not None and not smaller
             if agree and not (doubted and not holds(0.0)):
@@ -225,7 +242,7 @@ class _Goal:
             if known and self.method != AUTOMATIC:
                 return factor, known
             certain = holds(-np.inf)
-            if not certain:
+            if not (certain or self.beyond):
                 return None, certain is False
         low = None
         for high in _on_the_way(start, last):
@@ -233,13 +250,14 @@ class _Goal:
                 break
             low = high
         else:
-            return (np.inf, True) if last == LARGEST_LOG_FACTOR else (factor, False)
+            return (np.inf, not self.beyond) if last == LARGEST_LOG_FACTOR else (factor, False)
         if low is None:
             low = high - WAY
             while not (at_low := holds(low)):
                 if low == -LARGEST_LOG_FACTOR:
-                    impossible = holds(-np.inf) is False
-                    return (None, True) if impossible else (0.0, at_low is False)
+                    if holds(-np.inf) is False:
+                        return None, not self.beyond
+                    return 0.0, at_low is False
                 low, high = max(low - 2.0 * (high - low), -LARGEST_LOG_FACTOR), low
         confirmed = low
         rows = np.union1d(*(self.rows(names, float(np.exp(end))) for end in (low, high)))

@@ -26,6 +26,9 @@ AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
 IN_LOBE, LEAST = 8, 2
 #: Values that differ by a smaller part are equal.
 ROUNDING = 1e-9
+#: Straight above and below a model has one value if the values 0.1 deg aside, by this factor on the
+#: elevation, differ from it by less than this part.
+ASIDE, ALIKE = 89.9 / 90.0, 0.01
 
 
 def directions(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
@@ -67,18 +70,17 @@ def rcs(scenario: Scenario) -> Result:
     turns = max(1.0 / AZIMUTH_STEP, IN_LOBE / max(lobes["azimuth"], 1e-9))  # azimuths in a degree
     most = MAX_NODES // len(elevation) // 360  # of a table
     azimuth = np.linspace(-180.0, 180.0, 360 * min(math.ceil(turns - 1e-9), most), endpoint=False)
-    maps = [
-        np.array(pattern(of, azimuth, elevation[:, np.newaxis]))
-        for of in (model, spread)
-        if of is not None
-    ]
-    kept = np.ones(len(elevation), dtype=bool)
+    written = [of for of in (model, spread) if of is not None]
+    maps = [np.array(pattern(of, azimuth, elevation[:, np.newaxis])) for of in written]
     for pole in (0, -1):  # straight above and below, a table needs one value for all azimuths
-        kept[pole] = all(np.allclose(of[pole], of[pole, 0], rtol=ROUNDING, atol=0) for of in maps)
-        for of in maps:
-            of[pole] = of[pole, 0]
-    azimuths, elevations = (a.ravel() for a in np.meshgrid(azimuth, elevation[kept]))
-    sigma, *of_spread = (of[kept].ravel() for of in maps)
+        beside = [pattern(of, azimuth, ASIDE * elevation[pole]) for of in written]
+        each = list(zip(maps, beside, strict=True))
+        one = all(np.allclose(values, of[pole, 0], rtol=ALIKE, atol=0) for of, values in each)
+        elevation[pole] *= 1.0 if one else ASIDE
+        for of, values in each:
+            of[pole] = of[pole, 0] if one else values
+    azimuths, elevations = (a.ravel() for a in np.meshgrid(azimuth, elevation))
+    sigma, *of_spread = map(np.ravel, maps)
     # the lines of sight (mn, 3) from the aircraft at n poses to m radars
     lines = np.concatenate([body_vector(scenario.aircraft, r) for r in scenario.radar_states])
     seen, seen_elevation = model.cross_section(lines), np.rad2deg(elevation_of(lines))
@@ -97,7 +99,7 @@ def rcs(scenario: Scenario) -> Result:
 
     low, high = (-90.0, 90.0) if ends is None else np.rad2deg(ends[[0, -1]])
     beyond = abs(elevation - np.clip(elevation, low, high))  # the outermost values again
-    within = kept & (beyond <= 0.5 * ELEVATION_STEP)
+    within = beyond <= 0.5 * ELEVATION_STEP
     every = "any elevation" if ends is None else "any elevation of the table"
     _add_extremes(result, azimuth, elevation[within], maps[0][within], every)
     low, high = decibels(np.array([seen.min(), seen.max()])).round(1) + 0.0

@@ -75,7 +75,12 @@ def required_accuracy(
         raise InputError(f"{refinement.unresolved()}, or one pose with 'at'")
     axis = poses.scenario.axis
     required = required_accuracies(
-        poses.scenario, limit, k=k, at_least=at_least is not None, method=method
+        poses.scenario,
+        limit,
+        k=k,
+        at_least=at_least is not None,
+        itself=probability is None,
+        method=method,
     )
 
     goal = f"3 sigma <= {limit:g}" if asked is None else condition(asked)
@@ -142,7 +147,7 @@ def in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
     if not factor:
         return "less than a millionth" if accuracy.known else "not known"
     if np.isinf(factor):
-        return "anything"
+        return "anything" if accuracy.known else "no smaller; may grow without end"
     least = "" if accuracy.known else "at least "
     if factor >= 1:
         return f"no smaller; may grow {least}{factor:.4g}-fold"

@@ -239,19 +239,21 @@ def _why(tested: PathTest) -> str:
     required, axis, p_d = tested.test.requirement, tested.path.scenario.axis, tested.path.band.p_d
     margin = np.where(tested.test.violated, required.margin(p_d), np.nan)
     place, limit = words.describe_poses(margin < 0, axis), f"{required.limit:g}"
-    if place:
-        return f"P_D itself is {side(required)} {limit} {place}: no better knowledge helps there"
-    stays = "above" if required.at_least else "below"
-    if not tested.path.resolved:
-        return f"P_D itself stays {stays} {limit} at the poses tested"
-    nearest = words.probability(p_d[np.nanargmin(margin)])
-    most, option = ("least", "at-least") if required.at_least else ("most", "threshold")
+    itself = f"P_D itself is {side(required)} {limit} {place}"
     goal = f"--k {required.k:g}"
     if required.probability is not None:
         goal = f"--probability {required.probability:g}"
+    elif place:
+        return f"{itself}: no better knowledge helps there"
+    stays = "above" if required.at_least else "below"
+    if not tested.path.resolved:
+        return itself if place else f"P_D itself stays {stays} {limit} at the poses tested"
+    most, option = ("least", "at-least") if required.at_least else ("most", "threshold")
+    if not place:
+        nearest = words.probability(p_d[np.nanargmin(margin)])
+        itself = f"P_D itself stays {stays}: {nearest} at {most}"
     return (
-        f"P_D itself stays {stays}: {nearest} at {most}. What to know better, to hold: the command "
-        f"budget with --{option} {limit} {goal}"
+        f"{itself}. What to know better, to hold: the command budget with --{option} {limit} {goal}"
     )
 
 

@@ -544,3 +544,46 @@ def test_a_probability_is_tested_alone():
         assert ("P_D itself is above" in "".join(result.report)) == (verdict == "violated")
     of_both = analyses.variance(s, threshold=p_max, k=0.6, method="automatic")
     assert of_both.summary["threshold"]["verdict"] == "violated"
+
+
+def test_better_knowledge_helps_where_p_d_itself_is_beyond_the_limit_of_a_probability():
+    """At the top of a lobe errors of yaw lower P_D, and one of c_r may raise it."""
+    errors = {
+        "aircraft": {"position_m": 0, "attitude_deg": [0, 0, 20]},
+        "radar": {"medium": {"position_m": 0, "constant": 50}},
+    }
+    s = scenario(
+        geometry__azimuth_deg={"start": 22.5, "stop": 22.5, "step": 1},
+        aircraft__rcs={"model": "spikeball", "lobes": 8, "amplitude_m2": 0.03, "floor_m2": 0.01},
+        uncertainty=errors,
+        analysis__method="automatic",
+    )
+    p_max = 0.98 * float(s.p_d()[0])
+    yaw, c_r = np.random.default_rng(2).standard_normal((2, 400_000))
+    aircraft = np.repeat(s.aircraft, len(yaw), axis=0)
+    aircraft[:, 5] += np.deg2rad(20) * yaw
+
+    def share(factor):
+        """P(P_D > p_max) by plain draws, with a factor on σ of c_r; its standard error is 0.0007"""
+        radar = np.repeat(s.radar[np.newaxis], len(c_r), axis=0)
+        radar[:, 3] += 50 * factor * c_r
+        return np.mean(s.model.p_d(aircraft, np.maximum(radar, 0)) > p_max)
+
+    least, most = share(0), share(1)
+    assert most > least + 0.03
+    probability = 0.5 * (least + most)
+    result = analyses.budget(s, threshold=p_max, probability=probability)
+    assert "no better knowledge" not in "".join(result.report)
+    found = result.summary["threshold"]["required_accuracy"]
+    factor = found["radar_constant"]["factor"]
+    assert share(factor) < probability + 0.002
+    assert share(min(1.3 * factor, 1)) > probability - 0.002
+    # errors of nothing are beyond the limit, so no factor on all is known
+    assert (found["all"]["factor"], found["all"]["known"]) == (None, False)
+    assert "  all                   not known" in result.report
+    tested = analyses.variance(s, threshold=p_max, probability=probability)
+    assert "no better knowledge" not in "".join(tested.report)
+    # what holds already is said to hold, and not impossible
+    met = analyses.budget(s, threshold=p_max, probability=most + 0.02)
+    for accuracy in met.summary["threshold"]["required_accuracy"].values():
+        assert accuracy["factor"] >= 1 or accuracy["unlimited"]

@@ -123,6 +123,15 @@ def test_p_d_by_the_papers_ellipsoid_is_off_in_a_bank():
     assert worst[30] == pytest.approx(0.100, abs=5e-4)
 
 
+def test_the_largest_value_of_a_flat_ellipsoid_is_beside_the_pole():
+    """The paper's ellipsoid jumps straight above, from its limit π (abc)²/b⁴ to π (abc)²/c⁴."""
+    a, b, c = 0.465, 0.119, 0.148
+    changes = {"aircraft.rcs": f"{{model: ellipsoid, a_m: {a}, b_m: {b}, c_m: {c}}}"}
+    found = rs.analyses.rcs(rs.load_scenario(None, changes)).summary["largest"]
+    assert found["rcs_m2"] == pytest.approx(np.pi * (a * b * c) ** 2 / b**4, rel=1e-3)
+    assert abs(found["elevation_deg"]) == pytest.approx(89.9)
+
+
 class Plate:
     """A cross section of one's own."""
 
