@@ -19,6 +19,7 @@ from radar_sense import covariance
 from radar_sense.axis import reached
 from radar_sense.cost import EMPHASIS, FIRST_ORDER, OTHER, foresee
 from radar_sense.errors import InputError
+from radar_sense.model.radar import NEVER
 from radar_sense.model.radar_constant import ErrorKey
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
@@ -197,12 +198,12 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         return _by_sobol_indices(scenario)
     names = sources_of(scenario)
     count = len(names)
-    at_pose = FIRST_ORDER.get(method, OTHER)
+    at_pose, states = FIRST_ORDER.get(method, OTHER), scenario.states()
     if method == AUTOMATIC:  # FORM, and draws that judge it
-        at_pose += EMPHASIS * float(draws_at_first(scenario.states()).mean())
-    evaluations = len(scenario.aircraft) * len(scenario.radars) * at_pose
-    what = f"{count:,} sources at {len(scenario.aircraft):,} poses"
-    foresee(what, count * evaluations, less="fewer poses")
+        at_pose += EMPHASIS * float(draws_at_first(states).mean())
+    evaluations = count * at_pose * np.count_nonzero(states.sight() != NEVER)
+    what = f"{count:,} sources at {len(states):,} poses"
+    foresee(what, evaluations, less="fewer poses")
     whole = distribution(scenario, method)
     mean, std = mean_and_std(whole)
     std_by_name: dict[str, FloatArray] = {}

@@ -89,6 +89,11 @@ class UncertainStates:
         """Number of poses."""
         return len(self.aircraft)
 
+    @property
+    def certain(self) -> bool:
+        """Whether there are no errors at any pose."""
+        return not (self.cov_aircraft.any() or self.cov_radar.any())
+
     @cached_property
     def log_constants(self) -> NDArray[np.intp]:
         """Where radar states (7m,) have a c_r with tolerances: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr."""

@@ -94,11 +94,11 @@ def estimate(
     Plain draws are from the natural density alone.
     """
     found = Estimate.constant(len(states), 0.0)
-    found.draws[:] = draws
     if np.isnan(p_max):
         found.values[4] = found.errors[4] = np.nan
     for poses, p_d, weights, towards in _drawn(states, draws, beta, plain=plain):
         found.put(poses, _estimate(p_d, weights, towards, beta, p_max))
+    found.draws[:] = draws
     return found
 
 
@@ -122,10 +122,11 @@ def _drawn(
 ) -> Iterator[tuple[NDArray[np.intp], FloatArray, FloatArray, FloatArray]]:
     """Yield poses (j,) and what `_draw` returns of them, where a radar may see the aircraft."""
     for poses, part in states.by_sight():
-        for block in part.blocks(2 * draws):  # P_D and weights
-            mixture = None if plain else Mixture.of(block, beta)
+        n = 1 if part.certain else draws  # without errors all draws are alike
+        for block in part.blocks(2 * n):  # P_D and weights
+            mixture = None if plain or n == 1 else Mixture.of(block, beta)
             rows, poses = np.split(poses, [len(block)])
-            yield rows, *_draw(block, mixture, draws)
+            yield rows, *_draw(block, mixture, n)
 
 
 def _draw(

@@ -137,7 +137,8 @@ def _exceedance(betas: FloatArray, z: FloatArray, z_max: float) -> FloatArray:
 def quantiles(space: StandardNormalSpace, betas: FloatArray) -> FloatArray:
     """Return quantiles of z (n, k) at Φ(β) for each β (n,); NaN where a search has no result."""
     known = np.isfinite(space.value + space.gradient.sum(axis=0) + space.curvature.sum(axis=0))
-    pose = np.flatnonzero(known)
+    # where nothing has an effect every quantile is z itself
+    pose = np.flatnonzero(known & np.any((space.gradient != 0) | (space.curvature != 0), axis=0))
     shape = (len(betas), len(pose))
     # One row for each β and pose. With the sign of β, every row is a maximization.
     row, beta = np.tile(pose, len(betas)), np.repeat(betas, len(pose))
@@ -146,7 +147,7 @@ def quantiles(space: StandardNormalSpace, betas: FloatArray) -> FloatArray:
     start = ball_maximum(g, lam, radius)
     expanded = space.value[row] + sign * np.sum((g + 0.5 * lam * start) * start, axis=0)
     extreme, converged = climb(space, row, sign, radius, g, lam, start)
-    corrected = np.full((len(betas), len(known)), np.nan)
+    corrected = np.tile(space.value, (len(betas), 1))
     corrected[:, pose] = space.value[pose] + quadratic_quantile(
         space.gradient[:, pose], space.curvature[:, pose], betas
     )

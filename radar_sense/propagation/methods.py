@@ -19,6 +19,7 @@ from radar_sense.errors import InputError, check_choice, counted
 from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import NEVER
 from radar_sense.progress import report
 from radar_sense.propagation.automatic import BOUND_CHANGE, Automatic, judged, of_bounds, of_moments
 from radar_sense.propagation.draws import Estimate
@@ -284,8 +285,9 @@ def _unreliable(
 
 
 def _foresee(states: UncertainStates, draws: NDArray[np.intp], less: str = "fewer poses") -> None:
-    """Say what draws at each pose (k,) take if it is long."""
-    evaluations = float(draws.sum()) * len(states.model.radars) * EMPHASIS
+    """Say what draws at each pose (k,) take if it is long. A radar out of sight takes none."""
+    radars = np.count_nonzero(states.sight() != NEVER, axis=1)
+    evaluations = float(draws @ radars) * EMPHASIS
     memory = NUMBERS * 8.0 * float(draws.max(initial=0))
     what = f"{draws.sum():,} draws at {len(states):,} poses"
     foresee(what, evaluations, memory, less=less)

@@ -105,6 +105,24 @@ def test_evaluations_for_other_covariances(radars, count):
         assert values == 0
 
 
+@pytest.mark.parametrize("method", ["form", "montecarlo", "automatic"])
+def test_states_without_errors_take_one_value(method, count):
+    """As those of a source at a pose where its radar is out of sight: P_D without rounding."""
+    certain = problem(2).states().with_covariances(np.zeros((6, 6)), np.zeros((14, 14)), ((), ()))
+    s, found = problem(2), METHODS[method](certain)
+    gradients, values = count(lambda _: found.quantile(3.0), s)
+    assert gradients <= EXPANSION
+    assert values <= 1 + (method == "automatic")
+    nominal = s.p_d()
+    for number in (found.quantile(3.0), found.quantile(-3.0), found.mean):
+        assert number == pytest.approx(nominal, abs=1e-15)
+    assert not found.std.any()
+    drawn = estimate(certain, FIRST, 3.0, 0.5)
+    assert not drawn.errors.any()
+    assert drawn.above[0].tolist() == (nominal > 0.5).tolist()
+    assert (drawn.draws == FIRST).all()
+
+
 def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
     """It makes the runs of the path, and no draws again."""
     s, p_max = problem(2), 0.99
