@@ -23,7 +23,7 @@ from radar_sense.command import (
 from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
-from radar_sense.sources import Budget, Contribution, error_budget, worth_most
+from radar_sense.sources import TIE, Budget, Contribution, error_budget, worth_most
 
 #: Half the deviation of a part must reduce the total by this part, to be worth a measurement.
 LEAST_GAIN = 0.01
@@ -107,10 +107,13 @@ def budget(
         for group in (sources, shown)
     )
     rows = [row for c in ranked for row in (c, *(part for part in below if part.part_of == c.name))]
-    if not found.interaction_is_noise(method):
+    if abs(interaction.share[pose]) >= 0.5 * TIE:  # the least that shows
         rows.append(interaction)
     width = max(21, *(len(c.label) + 2 * bool(c.part_of) + 1 for c in rows))
-    result.report += [_row(c, pose, width) for c in (*rows, total)]
+    noise = " (noise)" if found.interaction_is_noise(method) else ""
+    result.report += [
+        _row(c, pose, width) + (noise if c is interaction else "") for c in (*rows, total)
+    ]
     dominates = words.places(found.dominates, axis)
     result.report += [f"{name} dominates {place}" for name, place in dominates.items()]
     valued = (*sources, *parts, *finer, total)
