@@ -94,6 +94,15 @@ class UncertainStates:
         """Whether there are no errors at any pose."""
         return not (self.cov_aircraft.any() or self.cov_radar.any())
 
+    def of_uncertain_radars(self) -> tuple[UncertainStates, FloatArray]:
+        """Return the states of the radars whose P_D is uncertain, and P_D (k,) by the others."""
+        m = len(self.model.radars)
+        own = [i for i in range(m) if self.cov_radar[:, of_radar(i), of_radar(i)].any()]
+        if self.cov_aircraft.any() or len(own) in (0, m):
+            return self, np.zeros(len(self))
+        others = self.of_radars([i for i in range(m) if i not in own])
+        return self.of_radars(own), others.model.unchecked_p_d(others.aircraft, others.radar)
+
     @cached_property
     def log_constants(self) -> NDArray[np.intp]:
         """Where radar states (7m,) have a c_r with tolerances: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr."""

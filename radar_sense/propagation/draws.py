@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from radar_sense.model.fusion import either
 from radar_sense.propagation.emphasis import Mixture
 from radar_sense.states import BLOCK, FloatArray, slices
 from radar_sense.streams import Stream, random_stream
@@ -121,12 +122,15 @@ def _drawn(
     states: UncertainStates, draws: int, beta: float, *, plain: bool
 ) -> Iterator[tuple[NDArray[np.intp], FloatArray, FloatArray, FloatArray]]:
     """Yield poses (j,) and what `_draw` returns of them, where a radar may see the aircraft."""
-    for poses, part in states.by_sight():
-        n = 1 if part.certain else draws  # without errors all draws are alike
+    for poses, whole in states.by_sight():
+        part, by_others = whole.of_uncertain_radars()
+        n, done = 1 if part.certain else draws, 0  # without errors all draws are alike
         for block in part.blocks(2 * n):  # P_D and weights
+            rows = slice(done, done + len(block))
             mixture = None if plain or n == 1 else Mixture.of(block, beta)
-            rows, poses = np.split(poses, [len(block)])
-            yield rows, *_draw(block, mixture, n)
+            p_d, weights, towards = _draw(block, mixture, n)
+            yield poses[rows], either(p_d, by_others[rows, np.newaxis]), weights, towards
+            done = rows.stop
 
 
 def _draw(

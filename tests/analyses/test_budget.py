@@ -286,7 +286,7 @@ def test_a_limit_in_reach_of_errors_bounds_the_factors():
     found = required(s, 0.2, "aircraft_position", "edge")
     alone = found["aircraft_position"]
     assert (alone.factor, alone.known) == (None, True)
-    assert alone.residual_from == "edge"
+    assert alone.residual_from in ("edge", "edge_position")  # which differ by less than the noise
     assert alone.residual == pytest.approx(0.278, rel=0.12)
     grown = required(s, 0.5, "edge")
     for limit, edge in ((0.2, found["edge"]), (0.5, grown["edge"])):

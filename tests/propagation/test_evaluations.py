@@ -123,6 +123,27 @@ def test_states_without_errors_take_one_value(method, count):
     assert (drawn.draws == FIRST).all()
 
 
+def test_draws_of_one_radar_with_errors_take_one_value_of_the_others(count):
+    s = problem(6)
+    states = s.states()
+    covariance = np.zeros_like(states.cov_radar[0])
+    covariance[:7, :7] = states.cov_radar[0, :7, :7]
+    alone = states.with_covariances(np.zeros((6, 6)), covariance, ((),) * 6)
+    found = {}
+    _, values = count(lambda _: found.update(drawn=estimate(alone, FIRST, 3.0)), s)
+    assert values < FIRST / 6 * 1.2
+    u = np.random.default_rng(5).standard_normal((100_000, 4)) * np.sqrt(np.diag(covariance)[:4])
+    for i, pose in enumerate(s.aircraft):
+        radar = np.repeat(s.radar[np.newaxis], len(u), axis=0)
+        radar[:, :4] += u
+        p_d = s.model.p_d(pose, np.maximum(radar, np.where(np.arange(24) % 4 == 3, 0, -np.inf)))
+        (mean, std), (of_mean, of_std) = (each[:, i] for each in found["drawn"].moments)
+        assert mean == pytest.approx(p_d.mean(), abs=4 * of_mean + 5e-5)
+        assert std == pytest.approx(p_d.std(), abs=4 * of_std + 0.01 * p_d.std())
+        upper, error = (each[1, i] for each in found["drawn"].bounds)
+        assert upper == pytest.approx(np.quantile(p_d, 0.99865), abs=4 * error + 0.003)
+
+
 def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
     """It makes the runs of the path, and no draws again."""
     s, p_max = problem(2), 0.99
