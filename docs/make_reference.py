@@ -228,14 +228,19 @@ def _yaml(value: Any) -> str:
 
 #: Scenarios and options whose tables have all columns of a command; others run as they are.
 RUNS: Mapping[str, Sequence[tuple[str, Mapping[str, Any]]]] = {
-    "variance": [("paper", {"method": "probit"}), ("path", {}), ("corridor", {"threshold": 0.9})],
+    "variance": [
+        ("paper", {"method": "probit"}),
+        ("path", {}),
+        ("corridor", {"threshold": 0.9}),
+        ("network", {"at_least": 0.1}),
+    ],
     "budget": [
         ("paper", {"method": "montecarlo", "runs": 8}),
         ("network", {"method": "linear"}),
         ("airport_surveillance", {"method": "linear"}),
     ],
     "sensitivity": [("paper", {"method": "probit"})],
-    "compare": [("paper", {"runs": 8})],
+    "compare": [("paper", {})],
     "montecarlo": [("paper", {"runs": 8, "method": "probit"})],
     "validate": [("paper", {"digits": 1, "method": "probit"})],
     "convergence": [("paper", {"runs": 8})],
@@ -250,8 +255,9 @@ RUNS: Mapping[str, Sequence[tuple[str, Mapping[str, Any]]]] = {
     "sweep": [
         (
             "paper",
-            {"key": "radar.constant", "start": 100, "stop": 100, "step": 1, "threshold": 0.9},
+            {"key": "radar.constant", "start": 100, "stop": 100, "step": 1, limit: 0.5},
         )
+        for limit in ("threshold", "at_least")
     ],
 }
 #: Poses of a run; two looks of a mission need more.
@@ -285,9 +291,10 @@ def commands_page() -> str:
         + MADE
         + "`radar-sense COMMAND --help` prints the same. CONFIG is a scenario file. Without CONFIG "
         "the scenario of the paper is used.\n\n"
-        "Each analysis writes `<scenario>_<command>.csv` (`map`: `.npz`). The first row has the "
-        "names of the columns; all other rows are numbers. The columns depend on the scenario and "
-        "the options: the poses are in `theta_r_deg` on an orbit, `range_km` on a radial, `time_s` "
+        "Each analysis writes `<scenario>_<command>.csv` (`map`: `.npz`; `report`: `.html` alone; "
+        "`check`: nothing). With `--radar` the name of the radar stands between the two. The first "
+        "row has the names of the columns; all other rows are numbers. The columns depend on the "
+        "scenario and the options: the poses are in `theta_r_deg` on an orbit, `range_km` on a radial, `time_s` "
         "or `distance_m` on a path, and `pose` for states of Python; in a network, most columns "
         "are there for each radar too, with its name at the end. A word in angle brackets stands "
         "for a name of the scenario. The JSON record beside the table has unit and meaning of each "

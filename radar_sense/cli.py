@@ -211,7 +211,7 @@ class OneCommand(click.Command):
             known = [option.opts[-1] for option in options]
             # without the dashes, which make all options alike
             hint = did_you_mean(error.option_name[2:], [name[2:] for name in known])
-            hint = hint.replace("'", "'--", 1) or f", it has {', '.join(known)}"
+            hint = hint.replace("'", "'--", 1) or f", it has {', '.join(known) or 'none'}"
             ctx.fail(f"{self.name} has no option {error.option_name}{hint}")
         for option in given:
             several = isinstance(option, click.Option) and (option.multiple or option.is_flag)
@@ -272,7 +272,7 @@ def cli() -> None:
     Examples:
       radar-sense budget                    the paper's error budget, into figures/
       radar-sense init my.yaml              a scenario of your own to start from
-      radar-sense montecarlo my.yaml        is the linearization good enough?
+      radar-sense montecarlo my.yaml        do draws of the states agree with the band?
     """
 
 
@@ -367,7 +367,10 @@ def _run(
     logging.getLogger("radar_sense").setLevel(logging.ERROR if quiet else logging.WARNING)
     logging.getLogger("matplotlib").setLevel(logging.CRITICAL)
     chosen = {name: value for name, value in options.items() if value not in (None, ())}
-    formats = () if no_plot else tuple(dict.fromkeys(formats))
+    figures = () if no_plot else FORMATS
+    formats = tuple(
+        name for name in dict.fromkeys(formats) if name in figures or name not in FORMATS
+    )
     scenario = _scenario(config, changes)
     selected = analysis.selected(scenario, **chosen)
     on_earth = sorted({*formats}.difference(FORMATS))

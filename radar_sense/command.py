@@ -14,7 +14,7 @@ import inspect
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -42,7 +42,7 @@ from radar_sense.limits import (
     plain_number,
 )
 from radar_sense.montecarlo.sequences import SAMPLERS
-from radar_sense.propagation import METHODS
+from radar_sense.propagation import METHODS, MONTE_CARLO
 from radar_sense.scenario import Scenario, check_scenario, for_radar
 from radar_sense.states import FloatArray
 
@@ -117,6 +117,10 @@ METHOD = Option(
     choices=METHODS,
     default_text="the scenario's",
 )
+#: Of commands that compare with draws, or need a bound at too many poses for plain draws.
+METHOD_BUT_DRAWS = replace(
+    METHOD, help=f"Method of propagation: {', '.join(m for m in METHODS if m != MONTE_CARLO)}."
+)
 NUMBER_OF_RUNS = Option("runs", "Number of runs.", RUNS, default_text="the scenario's")
 SEED_OF_DRAWS = Option("seed", "Seed of the random draws.", SEED, default_text="the scenario's")
 SAMPLER = Option(
@@ -136,10 +140,16 @@ DASK = Option(
     "Compute on a Dask cluster, given by its scheduler, such as tcp://host:8786.",
     metavar="ADDRESS",
 )
-DOWN_KM = Option("down_km", "Down, negative is up.", MAP_KM, "KM", default_text="the first pose's")
+DOWN_KM = Option(
+    "down_km",
+    "Minus the height above the origin.",
+    MAP_KM,
+    "KM",
+    default_text="the first pose's",
+)
 COURSE_DEG = Option(
     "course_deg",
-    "Yaw of the aircraft.",
+    "Heading of the aircraft.",
     Limit(at_least=-360, at_most=360),
     "DEG",
     default_text="the first pose's",

@@ -41,7 +41,7 @@ WARNINGS: dict[str, str] = {
     "band-off": (
         "Draws say that a bound or sigma of the method is off by more than the warning says, or an "
         "end of the band of the range by more than 1 %. Use the method automatic, which takes the "
-        "numbers of the draws there."
+        "numbers of the draws there; in a map it is form, and variance at poses has the draws."
     ),
     "band-outside": (
         "A bound is below 0 or above 1, where no probability is. First order does not know the "
@@ -85,8 +85,8 @@ WARNINGS: dict[str, str] = {
     ),
     "never-seen": (
         "The aircraft is outside the limits of every radar at all poses: beyond its largest "
-        "range, within its least, or below its horizon. P_D is 0 there, and only errors of the "
-        "states take the aircraft within a limit."
+        "range, within its least, or below its horizon or mask. P_D is 0 there, and only errors of "
+        "the states take the aircraft within a limit."
     ),
     "no-signal": (
         "P_D is what it is without an aircraft, the false alarms alone. A radar constant, RCS or "

@@ -17,7 +17,7 @@ from radar_sense.command import (
     COURSE_DEG,
     DOWN_KM,
     LEVEL,
-    METHOD,
+    METHOD_BUT_DRAWS,
     ONE_RADAR,
     WORKER_THREADS,
     Figure,
@@ -65,7 +65,10 @@ AROUND = "around radars and path"
     ONE_RADAR,
     Option("upper", "Show the upper bound in place of P_D.", flag=True),
     replace(K, help="Number of sigma of --upper."),
-    replace(METHOD, help=f"For --upper. {METHOD.help} automatic is form, checked in some cells."),
+    replace(
+        METHOD_BUT_DRAWS,
+        help=f"For --upper. {METHOD_BUT_DRAWS.help} automatic is form, checked in some cells.",
+    ),
     Option(
         "north_km",
         "South and north end, reached or passed.",

@@ -13,7 +13,7 @@ from radar_sense.analyses.verdict import K
 from radar_sense.command import (
     DASK,
     LEVEL,
-    METHOD,
+    METHOD_BUT_DRAWS,
     NUMBER_OF_RUNS,
     ONE_RADAR,
     SAMPLER,
@@ -31,7 +31,7 @@ from radar_sense.scenario import Scenario
 @command(
     LEVEL,
     ONE_RADAR,
-    METHOD,
+    METHOD_BUT_DRAWS,
     K,
     NUMBER_OF_RUNS,
     SEED_OF_DRAWS,

@@ -15,7 +15,7 @@ from radar_sense.command import (
     COURSE_DEG,
     DOWN_KM,
     LEVEL,
-    METHOD,
+    METHOD_BUT_DRAWS,
     OF_RADAR,
     ONE_RADAR,
     Figure,
@@ -59,7 +59,7 @@ ANGLES = {
 @command(
     LEVEL,
     ONE_RADAR,
-    METHOD,
+    METHOD_BUT_DRAWS,
     Option(
         "p_d",
         "P_D at the range; may be given several times.",

@@ -30,7 +30,8 @@ OPTIONS = (
     PROBABILITY,
     Option(
         "at",
-        "The pose looked at, and the only one of a limit: azimuth [deg], time [s] or distance [m].",
+        "The pose looked at, and the only one of a limit: azimuth [deg], range [km], time [s] or "
+        "distance [m].",
         ANY,
         metavar="X",
         default_text="that with the largest total; all for a limit",

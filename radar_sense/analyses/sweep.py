@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -46,8 +47,8 @@ MAX_VALUES, SHOWN = 1000, 40
     LEVEL,
     ONE_RADAR,
     METHOD,
-    THRESHOLD,
-    AT_LEAST,
+    replace(THRESHOLD, help="Test P_D + K sigma <= P_MAX at every value; exit code 3 if at none."),
+    replace(AT_LEAST, help="Test P_D - K sigma >= P_MIN at every value; exit code 3 if at none."),
     K,
     PROBABILITY,
     examples=(

@@ -11,7 +11,7 @@ from radar_sense.analyses.verdict import K
 from radar_sense.axis import Axis
 from radar_sense.command import (
     LEVEL,
-    METHOD,
+    METHOD_BUT_DRAWS,
     ONE_RADAR,
     SEED_OF_DRAWS,
     WORKER_THREADS,
@@ -37,7 +37,7 @@ NAMES = {"mean": "mean", "std": "sigma", "lower": "lower bound", "upper": "upper
 @command(
     LEVEL,
     ONE_RADAR,
-    METHOD,
+    METHOD_BUT_DRAWS,
     Option("digits", "Significant digits of the standard deviation that matter.", DIGITS),
     K,
     SEED_OF_DRAWS,

@@ -174,7 +174,11 @@ def unreliable(
 
 
 def propagate_scenario(
-    scenario: Scenario, *, method: str = AUTOMATIC, beta: float = BETA, p_max: float | None = None
+    scenario: Scenario,
+    *,
+    method: str | None = None,
+    beta: float = BETA,
+    p_max: float | None = None,
 ) -> Moments:
     """Return the moments of P_D (n,) at every pose of a scenario, at its level.
 
@@ -182,11 +186,11 @@ def propagate_scenario(
 
     Args:
         scenario: The scenario.
-        method: Name of the method.
+        method: Name of the method; None for the scenario's.
         beta: β > 0; the bounds are at Φ(−β) and Φ(β).
         p_max: Limit of P_D whose exceedance the draws of `automatic` count; None for none.
     """
-    return _moments(scenario.states(), method, beta, p_max)
+    return _moments(scenario.states(), method or scenario.method, beta, p_max)
 
 
 def band_of_scenario(
@@ -198,10 +202,10 @@ def band_of_scenario(
 
 
 def unreliable_in_scenario(
-    scenario: Scenario, moments: Moments, *, method: str = AUTOMATIC, beta: float = BETA
+    scenario: Scenario, moments: Moments, *, method: str | None = None, beta: float = BETA
 ) -> NDArray[np.bool_]:
     """Return where (n,) the moments of a scenario by a method are off, as `unreliable` does."""
-    return _unreliable(scenario.states(), moments, method, beta)
+    return _unreliable(scenario.states(), moments, method or scenario.method, beta)
 
 
 def distribution(scenario: Scenario, method: str) -> Distribution:

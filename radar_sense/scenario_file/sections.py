@@ -149,7 +149,7 @@ class PoseUncertainty(Section):
         instead_of=("position_m", "attitude_deg"),
     )
     rcs_db: float = key(
-        "Standard deviation of the RCS [dB], one factor for all radars and looks.",
+        "Standard deviation of the RCS [dB], one factor for all looks, and all radars of a band.",
         STD_DB,
         default=0.0,
     )

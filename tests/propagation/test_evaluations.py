@@ -148,7 +148,7 @@ def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
     """It makes the runs of the path, and no draws again."""
     s, p_max = problem(2), 0.99
     band = propagate_scenario(s, method="automatic", p_max=p_max)
-    plain, alone = propagate_scenario(s), band_of_scenario(s, method="automatic")
+    plain, alone = propagate_scenario(s, method="automatic"), band_of_scenario(s, method="automatic")
     for name in ("p_d", "lower", "upper", "error"):
         np.testing.assert_array_equal(getattr(band, name), getattr(plain, name))
         np.testing.assert_array_equal(getattr(band, name), getattr(alone, name))
