@@ -292,14 +292,14 @@ def commands_page() -> str:
         + "`radar-sense COMMAND --help` prints the same. CONFIG is a scenario file. Without CONFIG "
         "the scenario of the paper is used.\n\n"
         "Each analysis writes `<scenario>_<command>.csv` (`map`: `.npz`; `report`: `.html` alone; "
-        "`check`: nothing). With `--radar` the name of the radar stands between the two. The first "
-        "row has the names of the columns; all other rows are numbers. The columns depend on the "
-        "scenario and the options: the poses are in `theta_r_deg` on an orbit, `range_km` on a radial, `time_s` "
-        "or `distance_m` on a path, and `pose` for states of Python; in a network, most columns "
-        "are there for each radar too, with its name at the end. A word in angle brackets stands "
-        "for a name of the scenario. The JSON record beside the table has unit and meaning of each "
-        "column, and the SHA-256 digest of each file: a table or a figure with another digest is "
-        "of another run.\n"
+        "`check`: nothing). With `--radar` the name of the radar stands between the two. The "
+        "first row has the names of the columns; all other rows are numbers. The columns depend "
+        "on the scenario and the options: the poses are in `theta_r_deg` on an orbit, `range_km` "
+        "on a radial, `time_s` or `distance_m` on a path, and `pose` for states of Python; in a "
+        "network, most columns are there for each radar too, with its name at the end. A word in "
+        "angle brackets stands for a name of the scenario. The JSON record beside the table has "
+        "unit and meaning of each column, and the SHA-256 digest of each file: a table or a "
+        "figure with another digest is of another run.\n"
     )
     context = click.Context(cli.cli, info_name="radar-sense")
     for name in cli.cli.list_commands(context):

@@ -147,8 +147,9 @@ def test_draws_of_one_radar_with_errors_take_one_value_of_the_others(count):
 def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
     """It makes the runs of the path, and no draws again."""
     s, p_max = problem(2), 0.99
-    band = propagate_scenario(s, method="automatic", p_max=p_max)
-    plain, alone = propagate_scenario(s, method="automatic"), band_of_scenario(s, method="automatic")
+    s = s.with_analysis(method="automatic")
+    band = propagate_scenario(s, p_max=p_max)
+    plain, alone = propagate_scenario(s), band_of_scenario(s, method="automatic")
     for name in ("p_d", "lower", "upper", "error"):
         np.testing.assert_array_equal(getattr(band, name), getattr(plain, name))
         np.testing.assert_array_equal(getattr(band, name), getattr(alone, name))
