@@ -36,7 +36,7 @@ VISIBLE, MANY = 0.01, 6
     ONE_RADAR,
     replace(METHOD, help=f"{METHOD.help} montecarlo gives Sobol' indices."),
     *OPTIONS,
-    NUMBER_OF_RUNS,
+    replace(NUMBER_OF_RUNS, help="Number of runs of --method montecarlo."),
     SEED_OF_DRAWS,
     examples=(
         "radar-sense budget",
