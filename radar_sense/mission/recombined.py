@@ -100,7 +100,7 @@ class _Plan:
         m_of_n: m and n of a track; None for detection alone.
         states: Those of each radar, or of all radars together if their errors are correlated.
         screening: Times of some looks of each radar, where P_D of candidates is computed.
-        work: Work of a look, in evaluations of P_D.
+        work: Work of a look, in evaluations of P_D, rounded down.
         paths: Number of paths of a replicate.
         draws: Number of draws of each radar for one path.
         ranks: Ranks (q,) of the quantiles of a replicate.
@@ -110,7 +110,7 @@ class _Plan:
     m_of_n: tuple[int, int] | None
     states: list[UncertainStates]
     screening: list[NDArray[np.intp]]
-    work: float
+    work: int
     paths: int
     draws: int
     ranks: FloatArray
@@ -128,8 +128,8 @@ class _Plan:
             total = np.cumsum(p_d)
             level = (np.arange(SCREENING_LOOKS) + 0.5) / SCREENING_LOOKS * total[-1]
             screening.append(times[np.searchsorted(total, level)])
-        histories = 0 if m_of_n is None else 2 ** (m_of_n[1] - 1)
-        work = 1.0 + histories / HISTORIES
+        # a whole number: a short window leaves the draws of the detection as they are
+        work = 1 if m_of_n is None else 1 + 2 ** (m_of_n[1] - 1) // HISTORIES
         all_draws = np.clip(LOOKS / work / sum(map(len, looks.times)), MIN_DRAWS, MAX_DRAWS)
         draws = DRAWS_PER_PATH if len(states) > 1 else 1
         paths = int(all_draws) // draws
