@@ -7,7 +7,7 @@ at the deviations that this leads to.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from radar_sense.cost import FIRST_ORDER
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
-from radar_sense.propagation.staged import MANY, PRECISE, StagedDraws
+from radar_sense.propagation.staged import LAST, MANY, PRECISE, StagedDraws
 from radar_sense.scenario import Scenario
 from radar_sense.sources import (
     FINER,
@@ -65,7 +65,9 @@ class RequiredAccuracy:
         residual_from: Largest of the other sources at the place. None if all sources are scaled
             together, or the method knows of no other. `P_D_ITSELF` if P_D exceeds the limit.
         known: False if a larger factor may do: beyond `factor` there is no value, or draws alone
-            have found it. Of an infinite factor False if a smaller one may not do.
+            have found it.
+        exceeded_at_0: Whether draws find the limit exceeded where the source is certain, of a
+            factor below 1 or infinite. Errors may take P_D away from the limit.
     """
 
     factor: float | None
@@ -73,6 +75,7 @@ class RequiredAccuracy:
     place: float
     residual_from: str | None
     known: bool = True
+    exceeded_at_0: bool = False
 
 
 def required_accuracies(
@@ -177,6 +180,9 @@ class _Goal:
             place=float(self.scenario.axis.values[pose]),
             residual_from=self._largest_other(names, pose),
             known=known,
+            exceeded_at_0=bool(
+                factor and not 1.0 <= factor < np.inf and self._holds(names, -np.inf) is False
+            ),
         )
 
     def _largest(self, names: tuple[str, ...]) -> tuple[float | None, bool]:
@@ -224,7 +230,7 @@ class _Goal:
         smaller = factor and factor < 1.0 and self.method == AUTOMATIC
         if smaller and self._agrees(names, 0.0, self.limit):
             factor = None  # FORM asks for more than the draws of the threshold test do
-        holds = partial(self._holds, names)
+        holds = cache(lambda at: self._holds(names, at))
         start, last = 0.0, LARGEST_LOG_FACTOR
         if factor:
             last = min(float(np.log(factor)), last)
@@ -242,28 +248,28 @@ class _Goal:
             if known and self.method != AUTOMATIC:
                 return factor, known
             certain = holds(-np.inf)
-            if not (certain or self.beyond):
-                return None, certain is False
+            if not (certain or self.beyond or holds(0.0)):
+                return None, certain is False and not self._relieves(names)
         low = None
         for high in _on_the_way(start, last):
             if not holds(high):
                 break
             low = high
         else:
-            return (np.inf, not self.beyond) if last == LARGEST_LOG_FACTOR else (factor, False)
+            return (np.inf, True) if last == LARGEST_LOG_FACTOR else (factor, False)
         if low is None:
             low = high - WAY
             while not (at_low := holds(low)):
                 if low == -LARGEST_LOG_FACTOR:
-                    if holds(-np.inf) is False:
-                        return None, not self.beyond
-                    return 0.0, at_low is False
+                    if holds(-np.inf):
+                        return 0.0, at_low is False
+                    return None, holds(-np.inf) is False and not self.beyond
                 low, high = max(low - 2.0 * (high - low), -LARGEST_LOG_FACTOR), low
         confirmed = low
         rows = np.union1d(*(self.rows(names, float(np.exp(end))) for end in (low, high)))
         while high - low > NEAR:
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if holds(middle, rows) else (low, middle)
+            low, high = (middle, high) if self._holds(names, middle, rows) else (low, middle)
         if holds(low):  # at its own poses too
             confirmed = low
         return float(np.exp(confirmed)), False
@@ -287,12 +293,27 @@ class _Goal:
     ) -> bool | None:
         """Return whether draws prove that the limit is met at a factor; None if they are not sure.
 
-        Without rows, the poses of `_rows` are judged.
+        Without rows, the poses of `_rows` are judged. The factor 1 has the draws of a verdict.
         """
-        excess, errors = self._excess(names, log_factor, self.limit, MANY, rows)
+        if log_factor == 0.0 and rows is None:
+            excess, errors = self._present
+        else:
+            excess, errors = self._excess(names, log_factor, self.limit, MANY, rows)
         if np.any(excess > SURE * errors):
             return False
         return True if np.all(excess <= -PROOF * errors) else None
+
+    @cached_property
+    def _present(self) -> tuple[FloatArray, FloatArray]:
+        return self._excess((), 0.0, self.limit, LAST)
+
+    def _relieves(self, names: tuple[str, ...]) -> bool:
+        """Return whether draws find the limit exceeded by less with sources than without."""
+        ends = self._present, self._excess(names, -np.inf, self.limit, MANY)
+        (present, error), (without, of_it) = (
+            (excess.max(), errors[excess.argmax()]) for excess, errors in ends
+        )
+        return bool(present < without - SURE * np.hypot(error, of_it))
 
     def _excess(
         self,

@@ -148,8 +148,9 @@ def in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
     if not factor:
         return "less than a millionth" if accuracy.known else "not known"
     if np.isinf(factor):
-        return "anything" if accuracy.known else "no smaller; may grow without end"
+        return "no smaller; may grow without end" if accuracy.exceeded_at_0 else "anything"
     least = "" if accuracy.known else "at least "
     if factor >= 1:
-        return f"no smaller; may grow {least}{factor:.4g}-fold"
-    return f"{least}{100 * factor:.3g} %"
+        growth = f"{factor:.4g}"
+        return "no smaller" if growth == "1" else f"no smaller; may grow {least}{growth}-fold"
+    return f"{least}{100 * factor:.3g} %" + ", but not 0" * accuracy.exceeded_at_0

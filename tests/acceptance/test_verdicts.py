@@ -587,3 +587,70 @@ def test_better_knowledge_helps_where_p_d_itself_is_beyond_the_limit_of_a_probab
     met = analyses.budget(s, threshold=p_max, probability=most + 0.02)
     for accuracy in met.summary["threshold"]["required_accuracy"].values():
         assert accuracy["factor"] >= 1 or accuracy["unlimited"]
+
+
+LOBE = {
+    "geometry__range_km": 300,
+    "geometry__azimuth_from": "north",
+    "geometry__azimuth_deg": {"start": 0, "stop": 0, "step": 1},
+    "radar__constant": 2.1,
+    "radar__p_fa": 1e-6,
+    "radar__detector": "swerling1",
+    "uncertainty": {
+        "aircraft": {"position_m": 10, "attitude_deg": [0.1, 0.1, 4]},
+        "radar": {"medium": {"position_m": 100, "constant": 0.35}},
+    },
+    "analysis__method": "automatic",
+}
+
+
+@pytest.mark.all_draws
+@pytest.mark.parametrize(
+    ("floor", "yaw", "limit", "words"),
+    [
+        (0.02, 82.5, {"threshold": 0.53, "k": 1.0}, "no smaller; may grow without end"),
+        (1.0, 90.0, {"at_least": 0.33}, "no smaller; may grow without end"),
+    ],
+)
+def test_errors_that_take_p_d_away_from_a_limit_are_not_to_shrink(floor, yaw, limit, words):
+    """At the top of a lobe errors of yaw lower P_D, at the bottom they raise P_D."""
+    s = scenario(
+        aircraft__rcs={"model": "spikeball", "lobes": 24, "amplitude_m2": 1.0, "floor_m2": floor},
+        aircraft__attitude_deg=[0, 0, yaw],
+        **LOBE,
+    )
+    normals, tail = (
+        np.random.default_rng(3).standard_normal((10, 200_000)),
+        ndtr(-limit.get("k", 3)),
+    )
+
+    def beyond(factor):
+        """P(P_D beyond the limit) by plain draws, with a factor on σ of the attitude."""
+        spread = [10, 10, 10, *np.deg2rad([0.1 * factor, 0.1 * factor, 4 * factor])]
+        aircraft = s.aircraft[0] + normals[:6].T * spread
+        radar = s.radar + normals[6:].T * [100, 100, 100, 0.35]
+        p_d = s.model.p_d(aircraft, np.maximum(radar, [-np.inf] * 3 + [0]))
+        return np.mean(p_d < limit["at_least"] if "at_least" in limit else p_d > limit["threshold"])
+
+    assert beyond(0) > 1.3 * tail
+    assert max(beyond(1), beyond(3)) < tail
+    result = analyses.budget(s, **limit)
+    (row,) = (line for line in result.report if line.startswith("  aircraft_orientation  "))
+    assert row.removeprefix("  aircraft_orientation  ") == words
+    found = result.summary["threshold"]["required_accuracy"]["aircraft_orientation"]
+    assert found["exceeded_at_0"]
+    assert analyses.variance(s, **limit).passed
+
+
+@pytest.mark.all_draws
+def test_a_smaller_error_may_be_too_small_where_p_d_itself_is_beyond():
+    s = scenario(
+        aircraft__rcs={"model": "spikeball", "lobes": 24, "amplitude_m2": 1.0, "floor_m2": 0.02},
+        aircraft__attitude_deg=[0, 0, 82.5],
+        **LOBE,
+    )
+    found = analyses.budget(s, threshold=0.49, probability=0.25)
+    rows = dict(line.strip().split("  ", 1) for line in found.report[1:6])
+    assert rows["radar_constant"].strip() == "at least 66.1 %, but not 0"
+    others = {rows[name].strip() for name in rows if name != "radar_constant"}
+    assert others == {"not known"}
