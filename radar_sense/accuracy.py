@@ -58,8 +58,8 @@ class RequiredAccuracy:
 
     Attributes:
         factor: Largest factor on the standard deviations of the source. Below 1 the source has to
-            shrink. None if the limit is exceeded at factor 0, and 0 if exceeded at a millionth.
-            Infinite if a million is within the limit.
+            shrink. None if the limit is exceeded at factor 0, or no factor is known, and 0 if
+            exceeded at a millionth. Infinite if a million is within the limit.
         residual: Value at `factor`, or at factor 0 if `factor` is None.
         place: Place of the residual on the scenario's axis.
         residual_from: Largest of the other sources at the place. None if all sources are scaled

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from earth import flight
+from helpers import CONFIGS
 
 import radar_sense as rs
 from radar_sense.analyses.map import coverage_map
@@ -231,3 +232,12 @@ def test_a_pose_over_the_radar_has_no_bound_and_its_neighbours_have(
 def test_a_map_without_contours_is_refused():
     with pytest.raises(InputError, match="'p_d' must have the P_D of one contour line or more"):
         coverage_map(rs.load_scenario(), p_d=[], **AREA)
+
+
+def test_no_plot_leaves_out_the_figure_alone(tool, tmp_path):
+    area = "--north-km", "-50", "50", "--east-km", "0", "90", "--step-km", "20"
+    formats = "--format", "geojson", "--format", "png", "--no-plot", "--out", str(tmp_path)
+    code, out, _ = tool("map", str(CONFIGS / "corridor.yaml"), *area, *formats)
+    assert code == 0
+    assert {path.suffix for path in tmp_path.iterdir()} == {".npz", ".json", ".geojson"}
+    assert "corridor_map.geojson" in out
