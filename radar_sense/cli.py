@@ -367,10 +367,7 @@ def _run(
     logging.getLogger("radar_sense").setLevel(logging.ERROR if quiet else logging.WARNING)
     logging.getLogger("matplotlib").setLevel(logging.CRITICAL)
     chosen = {name: value for name, value in options.items() if value not in (None, ())}
-    figures = () if no_plot else FORMATS
-    formats = tuple(
-        name for name in dict.fromkeys(formats) if name in figures or name not in FORMATS
-    )
+    formats = tuple(n for n in dict.fromkeys(formats) if not (no_plot and n in FORMATS))
     scenario = _scenario(config, changes)
     selected = analysis.selected(scenario, **chosen)
     on_earth = sorted({*formats}.difference(FORMATS))

@@ -26,7 +26,7 @@ from radar_sense.command import (
 )
 from radar_sense.cost import foresee
 from radar_sense.coverage.ranges import PRECISION, RangeAt, limit_of_radar, range_at
-from radar_sense.coverage.rays import END, FARTHEST, LINEAR, OTHER, rays, survey
+from radar_sense.coverage.rays import END, FARTHEST, RAY, RAY_BY_LINEAR, rays, survey
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.plausibility import height_of_option
@@ -122,7 +122,7 @@ def detection_range(
     }
     singles = single_radar_scenarios(scenario) or {"": scenario}
     rays_in_all = len(angle_deg) * len(singles)
-    evaluations = rays_in_all * (LINEAR if method == "linear" else OTHER)
+    evaluations = rays_in_all * (RAY_BY_LINEAR if method == "linear" else RAY)
     foresee(f"{rays_in_all:,} rays", evaluations, less="rays of a longer --step-deg")
     surveys = {
         name: survey(rays(single, np.deg2rad(angle_deg), **options))

@@ -47,7 +47,7 @@ END = INSIDE * FARTHEST
 LARGEST_PROBIT = 40.0
 #: Evaluations of P_D that take as long as a ray with its band, which draws judge or replace: by
 #: `linear`, and by any other method.
-LINEAR, OTHER = 10_000, 80_000
+RAY_BY_LINEAR, RAY = 10_000, 80_000
 
 #: Function from distances (n, k) to whether (n, k) the ray reaches the value there.
 Reaches = Callable[[FloatArray], NDArray[np.bool_]]
