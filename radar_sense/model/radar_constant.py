@@ -8,7 +8,7 @@ is log-normal. The factors give σ of c_r to first order, its draws, and its mom
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from typing import TypeAlias
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from radar_sense.limits import NOT_NEGATIVE, check_number
-from radar_sense.model.radar_equation import LOSSES_KEY, MOST_NEPERS, NEPERS, RADARS
+from radar_sense.model.radar_equation import LOSSES_KEY, MOST_NEPERS, NEPERS, RADARS, Unit
 from radar_sense.states import FloatArray
 
 #: Largest standard deviation of a divisor of c_r as a fraction of its value, and lowest draw in
@@ -126,23 +126,12 @@ class DataSheet:
         self, std: Mapping[str, float], rectangular: Collection[str] = ()
     ) -> tuple[Tolerance, ...]:
         """Return the tolerances of parameters, from standard deviations by key."""
-        declared = tuple(
+        return tuple(
             Tolerance(
-                key,
-                self.values[key],
-                std[key],
-                f.metadata["power"] * unit.power,
-                f.metadata["decibels"],
-                key in rectangular,
+                key, self.values[key], std[key], power * unit.power, decibels, key in rectangular
             )
-            for f in fields(RADARS[self.kind])
-            for key, unit in f.metadata.get("units", {}).items()
+            for key, unit, power, decibels in self._parameters()
             if key in std
-        )
-        return declared + tuple(
-            Tolerance(key, self.values[key], std[key], -1, True, key in rectangular)
-            for key in self.values
-            if key.startswith(_LOSS) and key in std
         )
 
     def terms(self) -> dict[str, float]:
@@ -150,15 +139,21 @@ class DataSheet:
 
         Their sum is c_r but for the numbers of the radar equation.
         """
-        declared = {
-            key: f.metadata["power"] * (value if f.metadata["decibels"] else 10 * math.log10(value))
-            for f in fields(RADARS[self.kind])
-            for key, unit in f.metadata.get("units", {}).items()
-            if key in self.values
-            for value in (unit.to_si(self.values[key]),)
-        }
-        losses = {column_name(k): -v for k, v in self.values.items() if k.startswith(_LOSS)}
-        return declared | losses
+        terms = {}
+        for key, unit, power, decibels in self._parameters():
+            value = unit.to_si(self.values[key])
+            terms[column_name(key)] = power * (value if decibels else 10 * math.log10(value))
+        return terms
+
+    def _parameters(self) -> Iterator[tuple[str, Unit, int, bool]]:
+        """Yield key, unit, power of c_r, and whether it is in decibels, of each parameter."""
+        for f in fields(RADARS[self.kind]):
+            for key, unit in f.metadata.get("units", {}).items():
+                if key in self.values:
+                    yield key, unit, f.metadata["power"], f.metadata["decibels"]
+        for key in self.values:
+            if key.startswith(_LOSS):
+                yield key, Unit(), -1, True
 
 
 def loss_key(name: str) -> str:

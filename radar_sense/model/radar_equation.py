@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field
 from typing import Any
 
 from scipy.constants import Boltzmann, speed_of_light
@@ -27,6 +27,9 @@ LOSSES = Limit(at_least=0, at_most=200)
 COUNT = Limit(at_least=1, at_most=1e6, whole=True)
 #: Key of the losses by name.
 LOSSES_KEY = "losses_db"
+#: Standard noise temperature [K], the reference of noise figures (IEEE Std 686, "noise figure").
+#: T_0 of a scenario file that leaves the key out.
+STANDARD_K = 290.0
 #: The whole sphere is 4π.
 SOLID_ANGLE = Limit(above=0, at_most=12.5664)
 #: Divisors of the power-aperture product in c_r, by name in a scenario. A beam of solid angle λ²/A
@@ -59,44 +62,25 @@ class Unit:
 _SI = Unit()
 _ROTATION = Unit(60.0, -1, "Rotation rate of the antenna, with one scan a turn.")
 _FREQUENCY = Unit(speed_of_light / 1e9, -1, "Carrier frequency.")
-#: Standard noise temperature [K], the reference of noise figures (IEEE Std 686, "noise figure").
-STANDARD_K = 290.0
 _PULSE = Unit(1e6, -1, "Width of the pulse before compression, the inverse of the bandwidth.")
 
 
-def _factor(meaning: str, power: int, limit: Limit = POSITIVE, **units: Unit) -> Any:
-    """Declare a parameter with its units by key; c_r is proportional to parameter^power."""
-    return field(metadata=_metadata(meaning, power, limit, units))
+def _factor(
+    meaning: str,
+    power: int,
+    limit: Limit = POSITIVE,
+    *,
+    decibels: bool = False,
+    default: Any = MISSING,
+    **units: Unit,
+) -> Any:
+    """Declare a parameter with its units by key.
 
-
-def _noise_temperature() -> Any:
-    """Declare T_0. A scenario file may leave the key out, and T_0 is then `STANDARD_K`."""
-    units = {"temperature_k": _SI}
-    metadata = _metadata("Noise reference temperature T_0.", -1, POSITIVE, units)
-    return field(metadata={**metadata, "assumed": STANDARD_K})
-
-
-def _count(key: str, meaning: str) -> Any:
-    """Declare a count that c_r is proportional to, 1 by default and without a tolerance."""
-    return field(default=1, metadata=_metadata(meaning, 1, COUNT, {key: _SI}))
-
-
-def _decibels(meaning: str, sign: int, key: str) -> Any:
-    """Declare a parameter in decibels; c_r is proportional to 10^(sign · dB/10)."""
-    limit = DECIBELS if sign > 0 else LOSSES
-    return field(metadata=_metadata(meaning, sign, limit, {key: _SI}, decibels=True))
-
-
-def _metadata(
-    meaning: str, power: int, limit: Limit, units: Mapping[str, Unit], *, decibels: bool = False
-) -> dict[str, Any]:
-    return {
-        "meaning": meaning,
-        "power": power,
-        "kind": limit,
-        "units": units,
-        "decibels": decibels,
-    }
+    c_r is proportional to parameter^power, or to 10^(power · dB/10) if it is in decibels. One with
+    a default has no tolerance.
+    """
+    of_c_r = {"meaning": meaning, "power": power, "decibels": decibels}
+    return field(default=default, metadata={**of_c_r, "kind": limit, "units": units})
 
 
 @dataclass(frozen=True)
@@ -115,13 +99,15 @@ class SurveillanceRadar:
         "Average transmitted power P_av.", 1, average_power_w=_SI, average_power_kw=Unit(1e3)
     )
     aperture: float = _factor("Antenna aperture A.", 1, aperture_m2=_SI)
-    temperature: float = _noise_temperature()
+    temperature: float = _factor("Noise reference temperature T_0.", -1, temperature_k=_SI)
     scan_time: float = _factor(
         "Time T_sc for one scan of the search volume.", 1, scan_time_s=_SI, rotation_rpm=_ROTATION
     )
     search_volume: float = _factor("Solid angle Ω searched.", -1, SOLID_ANGLE, search_volume_sr=_SI)
-    loss_db: float = _decibels("Losses L.", -1, "loss_db")
-    noise_figure_db: float = _decibels("Noise figure F.", -1, "noise_figure_db")
+    loss_db: float = _factor("Losses L.", -1, LOSSES, decibels=True, loss_db=_SI)
+    noise_figure_db: float = _factor(
+        "Noise figure F.", -1, LOSSES, decibels=True, noise_figure_db=_SI
+    )
     search_factor: float = 16.0
     losses_db: Mapping[str, float] = field(default_factory=dict)
 
@@ -165,18 +151,28 @@ class TrackingRadar:
     peak_power: float = _factor(
         "Peak transmitted power P_t.", 1, peak_power_w=_SI, peak_power_kw=Unit(1e3)
     )
-    gain_db: float = _decibels(
-        "Gain G of the antenna, the same for transmission and reception.", 2, "gain_dbi"
+    gain_db: float = _factor(
+        "Gain G of the antenna, the same for transmission and reception.",
+        2,
+        DECIBELS,
+        decibels=True,
+        gain_dbi=_SI,
     )
     wavelength: float = _factor("Wavelength λ.", 2, frequency_ghz=_FREQUENCY, wavelength_m=_SI)
     bandwidth: float = _factor(
         "Noise bandwidth B.", -1, bandwidth_mhz=Unit(1e6), pulse_width_us=_PULSE
     )
-    temperature: float = _noise_temperature()
-    loss_db: float = _decibels("Losses L.", -1, "loss_db")
-    noise_figure_db: float = _decibels("Noise figure F.", -1, "noise_figure_db")
-    coherent_pulses: int = _count(
-        "coherent_pulses", "Number of pulses that are integrated coherently into one."
+    temperature: float = _factor("Noise reference temperature T_0.", -1, temperature_k=_SI)
+    loss_db: float = _factor("Losses L.", -1, LOSSES, decibels=True, loss_db=_SI)
+    noise_figure_db: float = _factor(
+        "Noise figure F.", -1, LOSSES, decibels=True, noise_figure_db=_SI
+    )
+    coherent_pulses: int = _factor(
+        "Number of pulses that are integrated coherently into one.",
+        1,
+        COUNT,
+        default=1,
+        coherent_pulses=_SI,
     )
     losses_db: Mapping[str, float] = field(default_factory=dict)
 

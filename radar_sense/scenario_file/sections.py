@@ -34,7 +34,7 @@ from radar_sense.limits import (
 from radar_sense.model import trajectory
 from radar_sense.model.antenna import TILT
 from radar_sense.model.detectors import DETECTORS, Detector, North
-from radar_sense.model.radar_equation import LOSSES, LOSSES_KEY, RADARS, SEARCH_FACTORS
+from radar_sense.model.radar_equation import LOSSES, LOSSES_KEY, RADARS, SEARCH_FACTORS, STANDARD_K
 from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.model.rcs_table import ENVELOPE
 from radar_sense.scenario_file.declare import (
@@ -221,8 +221,10 @@ def _data_sheet(kind: str) -> type:
             options: dict[str, Any] = {"one_of": f.name}
             if f.name == "loss_db":
                 options = {"unless": (LOSSES_KEY,)}
-            elif f.default is not dataclasses.MISSING or "assumed" in f.metadata:
-                options = {"default": f.metadata.get("assumed", f.default)}
+            elif f.name == "temperature":
+                options = {"default": STANDARD_K}
+            elif f.default is not dataclasses.MISSING:
+                options = {"default": f.default}
             meaning = unit.meaning or f.metadata["meaning"]
             keys[name] = key(meaning, f.metadata["kind"], **options)
     losses = named(_LOSS, number(LOSSES), "loss")
