@@ -10,37 +10,35 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import ndtr
 
 from radar_sense.covariance import checked, variance_along
 from radar_sense.errors import counted
 from radar_sense.limits import NOT_NEGATIVE, Limit, check_number, check_parameters, declared
 from radar_sense.model.antenna import ElevationGain
-from radar_sense.model.detectors import Detector, North, check_detector, linearize
+from radar_sense.model.detectors import Detector, North, check_detector
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
+from radar_sense.model.normal import density
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS, snr
 from radar_sense.model.rcs import RCS, check_rcs, linearize_with_error, with_error
 from radar_sense.states import (
     ATTENUATION_ERROR,
     BLOCK,
     CONSTANT,
-    RADAR,
     RCS_ERROR,
     TILT_ERROR,
     FloatArray,
     blocks,
     checked_states,
     common_shape,
+    with_errors,
 )
 
 #: R² [m²] at which aircraft and radar coincide. The square of this does not underflow.
 COINCIDE = 1e-100
-#: From S and P_fa to a value of a detector, and its slope by S.
-Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE, _ZERO = np.ones(()), np.zeros(())
 # glibc returns free memory beyond twice the largest array freed so far (mallopt(3)). Blocks would
 # fetch it again page by page, and a gradient would take twice the time. Never touched.
@@ -135,9 +133,9 @@ class DetectionModel:
 
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
         """Return P_D and its partials by all ten states."""
-        aircraft, radar = checked_states(aircraft, radar)
-        chain = partial(self._chain, partial(linearize, self.detector))
-        return Linearization(*_in_blocks(chain, aircraft, radar))
+        z, by_aircraft, by_radar = self.linearize_probit(aircraft, radar)
+        slope = density(z)[..., np.newaxis]
+        return Linearization(ndtr(z), slope * by_aircraft, slope * by_radar)
 
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
@@ -165,64 +163,51 @@ class DetectionModel:
         self, aircraft: FloatArray, radar: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return `linearize_probit` of checked states, NaN where a state is not finite."""
-        chain = partial(self._chain, self.detector.linearize_probit)
-        z, by_aircraft, by_radar = _in_blocks(chain, aircraft, radar)
-        return z, by_aircraft, by_radar
+        z, by_aircraft, by_radar = _in_blocks(self._chain, aircraft, radar)
+        return z, by_aircraft, by_radar[..., : radar.shape[-1]]
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
         body = line if self.rcs.isotropic else Attitude.from_state(aircraft).to_body(line)
-        if radar.shape[-1] > len(RADAR):
-            sigma = with_error(self.rcs, join(body), radar[..., RCS_ERROR])
-        else:
-            sigma = self.rcs.cross_section(join(body))
+        sigma = with_error(self.rcs, join(body), radar[..., RCS_ERROR])
         range_squared = _range_squared(line)
         ratio = snr(radar[..., CONSTANT], sigma, range_squared)
-        if self.attenuation:  # there and back, 10^(−2αR/10)
-            path_loss = 2.0 * NEPERS * self._attenuation(radar) * np.sqrt(range_squared)
-            ratio = ratio * np.exp(-path_loss)
+        if self.attenuation:
+            ratio = ratio * np.exp(-self._path_loss(radar, range_squared))
         if self.antenna is not None:
-            ratio = ratio * np.exp(self.antenna.nepers(line, _tilt_error(radar)))
+            ratio = ratio * np.exp(self.antenna.nepers(line, radar[..., TILT_ERROR]))
         return ratio
 
-    def _attenuation(self, radar: FloatArray) -> FloatArray:
-        """Return the attenuation α (...) [dB/m] with its error."""
-        if radar.shape[-1] == len(RADAR):
-            return np.asarray(self.attenuation)
-        growth: FloatArray = np.exp(np.minimum(radar[..., ATTENUATION_ERROR], MOST_NEPERS))
-        return self.attenuation * growth
+    def _path_loss(self, radar: FloatArray, range_squared: FloatArray) -> FloatArray:
+        """Return −ln of the factor 10^(−2αR/10) of S (...), there and back."""
+        growth = np.exp(np.minimum(radar[..., ATTENUATION_ERROR], MOST_NEPERS))
+        return np.asarray(2.0 * NEPERS * (self.attenuation * growth) * np.sqrt(range_squared))
 
-    def _chain(
-        self, detector: Slope, aircraft: FloatArray, radar: FloatArray
-    ) -> tuple[FloatArray, ...]:
-        """Return the value of a detector, and its partials by both states."""
+    def _chain(self, aircraft: FloatArray, radar: FloatArray) -> tuple[FloatArray, ...]:
+        """Return the probit z, and its partials by both states."""
         line = radar_from_aircraft(aircraft, radar)
         attitude = None if self.rcs.isotropic else Attitude.from_state(aircraft)
         body = line if attitude is None else attitude.to_body(line)
         range_squared = _range_squared(line)
-        with_errors = radar.shape[-1] > len(RADAR)
-        if with_errors:
-            sigma, sigma_gradient, by_error = linearize_with_error(
-                self.rcs, join(body), radar[..., RCS_ERROR]
-            )
-        else:
-            sigma, sigma_gradient = self.rcs.linearize(join(body))
+        sigma, sigma_gradient, by_error = linearize_with_error(
+            self.rcs, join(body), radar[..., RCS_ERROR]
+        )
         # S is a product, and each partial is S without a factor. It exists where the factor is 0.
         constant = radar[..., CONSTANT]
         ratio = snr(constant, sigma, range_squared)
         ds_dconstant = snr(_ONE, sigma, range_squared)
         ds_dsigma = snr(constant, _ONE, range_squared)
-        path_loss = by_tilt = _ZERO  # path_loss is −ln of the factor of the attenuation
+        path_loss = by_tilt = _ZERO
         gain = None
         if self.attenuation:
-            path_loss = 2.0 * NEPERS * self._attenuation(radar) * np.sqrt(range_squared)
+            path_loss = self._path_loss(radar, range_squared)
             gain = np.exp(-path_loss)
         if self.antenna is not None:
-            nepers, by_line, by_tilt = self.antenna.linearize(line, _tilt_error(radar))
+            nepers, by_line, by_tilt = self.antenna.linearize(line, radar[..., TILT_ERROR])
             gain = np.exp(nepers - path_loss)
         if gain is not None:
             ratio, ds_dconstant, ds_dsigma = gain * ratio, gain * ds_dconstant, gain * ds_dsigma
-        value, by_snr = detector(ratio, self.p_fa)
+        z, by_snr = self.detector.linearize_probit(ratio, self.p_fa)
 
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R, and −S · path_loss/R · d/R with an attenuation
         by_log = by_snr * ratio
@@ -239,15 +224,9 @@ class DetectionModel:
                 body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
             )
             by_position = [p + g for p, g in zip(by_position, by_aspect, strict=True)]
-        of_radar = [*by_position, by_snr * ds_dconstant]
-        if with_errors:
-            of_radar += [by_log * by_error, -by_log * path_loss, by_log * by_tilt]
-        return value, join([*(-p for p in by_position), *by_attitude]), join(of_radar)
-
-
-def _tilt_error(radar: FloatArray) -> FloatArray:
-    """Return the error of the tilt (...) [rad] of radar states (..., 4) or (..., 7)."""
-    return np.zeros(()) if radar.shape[-1] == len(RADAR) else radar[..., TILT_ERROR]
+        of_errors = (by_log * by_error, -by_log * path_loss, by_log * by_tilt)
+        of_radar = join([*by_position, by_snr * ds_dconstant, *of_errors])
+        return z, join([*(-p for p in by_position), *by_attitude]), of_radar
 
 
 def _range_squared(line: Vector) -> FloatArray:
@@ -267,8 +246,9 @@ def _in_blocks(
 ) -> tuple[FloatArray, ...]:
     """Return the arrays (..., *tail) that a function computes from states, block after block.
 
-    Each component of an array is contiguous in memory.
+    The function gets radar states (..., 7). Each component of an array is contiguous in memory.
     """
+    radar = with_errors(radar, radars=1)
     shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
     aircraft, radar = (
         s if s.shape[:-1] == shape else np.broadcast_to(s, shape + s.shape[-1:])
