@@ -16,10 +16,10 @@ of P_D and 1 − P_D, which is never a difference from 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,23 +98,6 @@ def check_detector(detector: Any, p_fa: float) -> None:
         )
 
 
-D = TypeVar("D", bound=type[Detector])
-
-#: The detectors that a scenario can name. Keys of a detector are declared with its fields.
-DETECTORS: dict[str, type[Detector]] = {}
-
-
-def detector(*names: str) -> Callable[[D], D]:
-    """Register a class under the names that a scenario gives for a `detector`."""
-
-    def register(cls: D) -> D:
-        DETECTORS.update(dict.fromkeys(names, cls))
-        return cls
-
-    return register
-
-
-@detector("north")
 @dataclass(frozen=True)
 class North:
     """North's approximation to the detection of a steady target by one pulse, eq. (1) of the paper.
@@ -247,7 +230,6 @@ class PulseDetector:
         return self.degree if self.slow else self.degree * self.pulses
 
 
-@detector("marcum")
 @dataclass(frozen=True)
 class Marcum(PulseDetector):
     """A steady target, exactly. `North` is an approximation to it.
@@ -257,7 +239,6 @@ class Marcum(PulseDetector):
     """
 
 
-@detector("swerling1")
 @dataclass(frozen=True)
 class Swerling1(PulseDetector):
     """Swerling's case 1: many similar scatterers, with an exponential cross section.
@@ -270,7 +251,6 @@ class Swerling1(PulseDetector):
     slow: ClassVar[bool] = True
 
 
-@detector("swerling2")
 @dataclass(frozen=True)
 class Swerling2(Swerling1):
     """Swerling's case 2: case 1 with a new cross section at each pulse."""
@@ -278,7 +258,6 @@ class Swerling2(Swerling1):
     slow: ClassVar[bool] = False
 
 
-@detector("swerling3")
 @dataclass(frozen=True)
 class Swerling3(PulseDetector):
     """Swerling's case 3: one large scatterer among many, chi-square with four degrees.
@@ -292,12 +271,22 @@ class Swerling3(PulseDetector):
     slow: ClassVar[bool] = True
 
 
-@detector("swerling4")
 @dataclass(frozen=True)
 class Swerling4(Swerling3):
     """Swerling's case 4: case 3 with a new cross section at each pulse."""
 
     slow: ClassVar[bool] = False
+
+
+#: The detectors that a scenario can name. Keys of a detector are declared with its fields.
+DETECTORS: dict[str, type[Detector]] = {
+    "north": North,
+    "marcum": Marcum,
+    "swerling1": Swerling1,
+    "swerling2": Swerling2,
+    "swerling3": Swerling3,
+    "swerling4": Swerling4,
+}
 
 
 def linearize(detector: Detector, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:

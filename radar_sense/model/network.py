@@ -28,7 +28,6 @@ from radar_sense.errors import InputError, counted, shorten_list
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.fusion import UNSEEN, either, fuse_probits, linearize_fusion, slopes_of_p_d
 from radar_sense.model.geometry import join
-from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar import Radar
 from radar_sense.states import (
     CONSTANT,
@@ -168,14 +167,13 @@ class NetworkModel:
         radar: FloatArray,
     ) -> Iterator[FloatArray]:
         """Yield a quantity (...) of each radar, 0 where the radar does not see the aircraft."""
-        heights: dict[Horizon, FloatArray] = {}
+        horizons = {single.horizon for single in self.radars if single.horizon is not None}
+        heights = {horizon: horizon.height(aircraft) for horizon in horizons}
         for single, state in zip(self.radars, of_each(radar, len(self.radars)), strict=True):
             if not single.limited:
                 yield quantity(single.model, aircraft, state)
                 continue
-            if single.horizon is not None and single.horizon not in heights:
-                heights[single.horizon] = single.horizon.height(aircraft)
-            height = None if single.horizon is None else heights[single.horizon]
+            height = heights[single.horizon] if single.horizon else None
             visible = single.visible(aircraft, state, height)
             values, places = np.zeros(visible.shape), np.flatnonzero(visible)
             if places.size:

@@ -20,9 +20,8 @@ depends on aspect.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -45,21 +44,6 @@ from radar_sense.states import FloatArray, real_array
 _ASIDE, _STEP = np.array([0.13, 0.07, 0.09]), 0.1
 _VALUE_ERROR, _GRADIENT_ERROR, _ROUNDING = 1e-6, 0.02, 1e-14
 _LOBES = Limit(at_least=1, at_most=1e6, whole=True)
-
-C = TypeVar("C", bound=type[Any])
-
-#: The RCS models that a scenario can name. Their keys are declared with their fields.
-RCS_MODELS: dict[str, type[Any]] = {}
-
-
-def rcs_model(name: str) -> Callable[[C], C]:
-    """Register a class under the name that a scenario gives for its `model`."""
-
-    def register(cls: C) -> C:
-        RCS_MODELS[name] = cls
-        return cls
-
-    return register
 
 
 class RCS(Protocol):
@@ -172,7 +156,6 @@ def linearize_with_error(
     return sigma * factor, join(factor * g for g in split(gradient)), slope
 
 
-@rcs_model("constant")
 @dataclass(frozen=True)
 class ConstantRCS:
     """The same cross section at all aspects."""
@@ -198,7 +181,6 @@ class ConstantRCS:
         return self.cross_section(body_vector), np.zeros(np.shape(body_vector))
 
 
-@rcs_model("ellipsoid")
 @dataclass(frozen=True)
 class EllipsoidRCS:
     """The paper's ellipsoid, eq. (13), taken literally.
@@ -266,7 +248,6 @@ class EllipsoidRCS:
         return inverse if aside.all() else np.where(aside, inverse, self.c**-2)
 
 
-@rcs_model("ellipsoid_exact")
 @dataclass(frozen=True)
 class ExactEllipsoidRCS:
     """The exact ellipsoid, which the paper's formula approximates near the horizon.
@@ -330,7 +311,6 @@ class ExactEllipsoidRCS:
         return np.pi * ratio * ratio, (xx, yy, zz), weighted
 
 
-@rcs_model("spikeball")
 @dataclass(frozen=True)
 class SpikeballRCS:
     """The simple spikeball, σ_r = |A sin(n λ/2)| + σ_min: n lobes around the aircraft.
@@ -376,3 +356,13 @@ class SpikeballRCS:
             turn = slope / (x * x + y * y)
             gradient = join((-y * turn, x * turn, np.zeros_like(turn)))
         return self.floor + self.amplitude * np.abs(wave), gradient
+
+
+#: The RCS models that a scenario can name, besides a table. Their keys are declared with their
+#: fields.
+RCS_MODELS: dict[str, type[Any]] = {
+    "constant": ConstantRCS,
+    "ellipsoid": EllipsoidRCS,
+    "ellipsoid_exact": ExactEllipsoidRCS,
+    "spikeball": SpikeballRCS,
+}

@@ -36,7 +36,6 @@ from numpy.typing import NDArray
 from radar_sense.errors import InputError
 from radar_sense.limits import LARGEST, POSITIVE, SMALLEST, Limit, check_number
 from radar_sense.model.geometry import elevation_of, join, split
-from radar_sense.model.rcs import rcs_model
 from radar_sense.states import FloatArray, ReadOnly, read_only
 
 if TYPE_CHECKING:
@@ -64,7 +63,6 @@ STD_DB = Limit(at_least=1e-3, at_most=20)
 POLE = np.deg2rad(90.0 - 1e-9)
 
 
-@rcs_model("table")
 @dataclass(frozen=True, eq=False, repr=False)
 class TableRCS(ReadOnly):
     """A cross section that is tabulated over azimuth, or over azimuth and elevation.
