@@ -25,7 +25,7 @@ _STEEP = 0.002
 ATTITUDE_COLUMNS = tuple(f"{name}_deg" for name in AIRCRAFT[ATTITUDE])
 
 
-def attitude_from_motion(velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
+def attitude_from_motion(source: str, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the attitude (n, 3) [rad] of coordinated flight without wind or angle of attack.
 
     V_h is the horizontal speed. Yaw is the course χ = atan2(v_e, v_n). Pitch is the climb angle
@@ -38,6 +38,7 @@ def attitude_from_motion(velocity: FloatArray, acceleration: FloatArray) -> Floa
     level too. An aircraft that never moves horizontally is refused.
 
     Args:
+        source: Name of the track in errors.
         velocity: North, east, down (n, 3) [m/s], in the order of time.
         acceleration: North, east, down (n, 3) [m/s²].
     """
@@ -45,7 +46,10 @@ def attitude_from_motion(velocity: FloatArray, acceleration: FloatArray) -> Floa
     speed = np.hypot(north, east)
     moves = speed >= HOVER
     if not moves.any():
-        raise InputError(f"never moves horizontally at {HOVER:g} m/s or more")
+        raise InputError(
+            f"{source}: the aircraft never moves horizontally at {HOVER:g} m/s or more, attitude "
+            f"cannot be derived from the track; give the columns {', '.join(ATTITUDE_COLUMNS)}"
+        )
     known = np.maximum.accumulate(np.where(moves, np.arange(len(speed)), -1))
     known[known < 0] = np.argmax(moves)
     yaw = np.arctan2(east, north)[known]
@@ -104,7 +108,7 @@ def attitude_of_motion(
     """Return attitudes (n, 3) [rad] relative to north, east and down at the aircraft.
 
     Args:
-        source: Name of the track in errors.
+        source: As of `attitude_from_motion`.
         place: Latitude, longitude [rad] and height [m] (n, 3); not used without an origin.
         velocity: North, east, down (n, 3) [m/s] in the frame of the origin.
         acceleration: North, east, down (n, 3) [m/s²] in the frame of the origin.
@@ -114,13 +118,7 @@ def attitude_of_motion(
         turn = geodesy.turn_to_origin(place, origin)
         velocity = np.einsum("...ij,...i->...j", turn, velocity)
         acceleration = np.einsum("...ij,...i->...j", turn, acceleration)
-    try:
-        return attitude_from_motion(velocity, acceleration)
-    except InputError as error:
-        raise InputError(
-            f"{source}: the aircraft {error}, attitude cannot be derived from the track; "
-            f"give the columns {', '.join(ATTITUDE_COLUMNS)}"
-        ) from error
+    return attitude_from_motion(source, velocity, acceleration)
 
 
 def covariance_in_frame(

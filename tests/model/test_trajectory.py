@@ -37,7 +37,7 @@ def test_a_straight_climb_has_its_course_and_climb_and_no_bank():
     time = 1.7e9 + np.cumsum(rng.uniform(0.1, 2.0, 50))  # a clock since 1970
     velocity = np.array([-120.0, 160.0, -50.0])
     position = np.outer(time - time[0], velocity) - np.array([5e5, -3e5, 3e3])
-    attitude = attitude_from_motion(*motion_of_samples(time, position))
+    attitude = attitude_from_motion("track", *motion_of_samples(time, position))
     expected = [0.0, math.atan2(50, 200), math.atan2(160, -120)]
     np.testing.assert_allclose(attitude, np.tile(expected, (50, 1)), atol=1e-8)
 
@@ -74,7 +74,9 @@ def test_turns_converge_with_the_square_of_the_step(right, climb, times):
     for count in (201, 801, 3201):
         time = times(count, rng)
         position, expected = helix(time, speed=200.0, radius=4e3, climb=climb, right=right)
-        off = np.abs(wrapped(attitude_from_motion(*motion_of_samples(time, position)) - expected))
+        off = np.abs(
+            wrapped(attitude_from_motion("track", *motion_of_samples(time, position)) - expected)
+        )
         # The whole path, ends included.
         errors.append(np.max(off, axis=0))
     assert np.all(errors[0] < 3e-3)
@@ -96,7 +98,7 @@ def test_a_parabola_and_a_cubic_are_exact():
     cubic = motion(0.02 * time**3 - time**2)
     np.testing.assert_allclose(cubic[1][:, 1], 0.12 * time - 2, atol=1e-10)
     np.testing.assert_allclose(motion(time**2)[0][:, 1], 2 * time, atol=1e-10)
-    assert attitude_from_motion(*cubic)[0, 0] < 0
+    assert attitude_from_motion("track", *cubic)[0, 0] < 0
 
 
 def test_acceleration_is_between_those_measured_around_it():
@@ -115,7 +117,7 @@ def test_acceleration_is_between_those_measured_around_it():
 def test_drifting_is_hovering():
     velocity = np.array([[10.0, 0, -1], [0, 0.05, -0.05], [0, 0.05, 5]])
     acceleration = np.array([[2.0, 2, 0]] * 3)
-    roll, pitch, yaw = attitude_from_motion(velocity, acceleration).T
+    roll, pitch, yaw = attitude_from_motion("track", velocity, acceleration).T
     np.testing.assert_allclose(roll, [math.atan(2 / G), 0, 0], rtol=1e-14)
     np.testing.assert_allclose(pitch, [math.atan(0.1), 0, math.atan2(-5, 0.05)], rtol=1e-14)
     np.testing.assert_array_equal(yaw, 0.0)
@@ -125,14 +127,14 @@ def test_a_hovering_aircraft_keeps_the_last_course_and_is_level():
     north = np.array([0.0, 0, 0, 0, 50, 100, 100, 100, 100, 100])
     up = np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 10, 20])
     position = np.stack([-north, north, -up], axis=-1)
-    attitude = attitude_from_motion(*motion_of_samples(np.arange(10.0), position))
+    attitude = attitude_from_motion("track", *motion_of_samples(np.arange(10.0), position))
     np.testing.assert_allclose(attitude[:, 2], 0.75 * np.pi)  # before the first course: the first
     np.testing.assert_array_equal(attitude[[0, 1, 2, 7, 8, 9], 0], 0.0)
     np.testing.assert_array_equal(attitude[[0, 1, 2], 1], 0.0)
     np.testing.assert_allclose(attitude[[8, 9], 1], np.pi / 2)  # straight up
     upwards = motion_of_samples(np.arange(3.0), np.array([[0.0, 0, 0], [0, 0, -9], [0, 0, -30]]))
     with pytest.raises(ValueError, match="never moves"):
-        attitude_from_motion(*upwards)
+        attitude_from_motion("track", *upwards)
 
 
 def corner():
