@@ -67,26 +67,22 @@ def _are_covariances(matrices: FloatArray) -> bool:
     return bool(np.all(asymmetry <= TOLERANCE))
 
 
-def checked(whose: str, covariance: ArrayLike, size: int | None = None) -> FloatArray:
+def checked(whose: str, covariance: ArrayLike, n: int) -> FloatArray:
     """Return covariances (..., n, n) as an array, checked: the error names the first that is none.
 
     Args:
         whose: Name of the state in errors.
         covariance: One matrix or many.
-        size: Number n of components; None for any.
+        n: Number of components.
     """
     matrices = real_array(f"{whose} covariance", covariance)
-    poses, n = matrices.shape[:-2], size
-    if n is None:
-        n = matrices.shape[-1] if matrices.ndim else 0
     if matrices.shape[-2:] != (n, n):
-        wanted = "n" if size is None else size
         raise InputError(
-            f"{whose} covariance must have shape (..., {wanted}, {wanted}), got {matrices.shape}"
+            f"{whose} covariance must have shape (..., {n}, {n}), got {matrices.shape}"
         )
     wrong = first_wrong(matrices.reshape(-1, n, n))
     if wrong:
-        place = at_pose([int(i) for i in np.unravel_index(wrong[0], poses)])
+        place = at_pose([int(i) for i in np.unravel_index(wrong[0], matrices.shape[:-2])])
         raise InputError(f"{whose} covariance{place} {wrong[1]}")
     return matrices
 
@@ -117,11 +113,8 @@ def variance_along(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
 
     The function has the partials A (..., n), and the state the covariance C (..., n, n).
     """
-    n = jacobian.shape[-1]
     if covariance.shape[:-2] == (1,) and jacobian.ndim > 1:
         covariance = covariance[0]  # the same at all poses
-    if covariance.shape[-2:] != (n, n):
-        raise InputError(f"covariance must have shape (..., {n}, {n}), got {covariance.shape}")
     # An undefined partial of a certain component must not make the variance NaN.
     uncertain = covariance.any(axis=-1)
     if not uncertain.all():
@@ -130,7 +123,7 @@ def variance_along(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
     variances = np.diagonal(covariance, axis1=-2, axis2=-1)
     if covariance.ndim == 2 and np.count_nonzero(covariance) == np.count_nonzero(variances):
         variance = np.einsum("...i,i,...i->...", jacobian, variances, jacobian)  # C is diagonal
-    elif covariance.ndim == 2 and n > MANY:
+    elif covariance.ndim == 2 and len(covariance) > MANY:
         variance = np.sum((jacobian @ covariance) * jacobian, axis=-1)
     else:
         variance = np.einsum("...i,...ij,...j->...", jacobian, covariance, jacobian)

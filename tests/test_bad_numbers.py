@@ -132,7 +132,7 @@ def test_what_is_no_real_number_is_refused(name):
         with pytest.raises(ValueError, match=message):
             rs.propagate(model(), aircraft, wrong, *covariances, method=method)
     with pytest.raises(ValueError, match=message.removeprefix("radar states ")):
-        checked("radar", [wrong] * 4 if name != "masked" else wrong)
+        checked("radar", [wrong] * 4 if name != "masked" else wrong, 4)
 
 
 def test_the_ellipsoid_gives_nan_for_nan():

@@ -76,7 +76,8 @@ class Linearization:
             InputError: If a covariance has another shape, or is not finite, symmetric and positive
                 semidefinite.
         """
-        c_aa, c_rr = checked("aircraft", cov_aircraft), checked("radar", cov_radar)
+        c_aa = checked("aircraft", cov_aircraft, self.jac_aircraft.shape[-1])
+        c_rr = checked("radar", cov_radar, self.jac_radar.shape[-1])
         common_shape(self.p_d.shape, c_aa.shape[:-2], c_rr.shape[:-2])
         return np.sqrt(
             variance_along(self.jac_aircraft, c_aa) + variance_along(self.jac_radar, c_rr)

@@ -62,12 +62,10 @@ class Level(ReadOnly):
     tilt_std: float = declared(NOT_NEGATIVE, default=0.0)
 
     def __post_init__(self) -> None:
-        matrix = covariance.checked("radar", self.covariance)
-        if matrix.shape != (len(RADAR),) * 2:
-            raise InputError(
-                f"radar covariance must have shape {(len(RADAR),) * 2}, got {matrix.shape}"
-            )
-        object.__setattr__(self, "covariance", read_only("radar covariance", matrix))
+        matrix, n = read_only("radar covariance", self.covariance), len(RADAR)
+        if matrix.shape != (n, n):
+            raise InputError(f"radar covariance must have shape {(n, n)}, got {matrix.shape}")
+        object.__setattr__(self, "covariance", covariance.checked("radar", matrix, n))
         given: Any = self.tolerances
         if not isinstance(given, tuple | list) or not all(isinstance(t, Tolerance) for t in given):
             raise InputError(f"tolerances must be a tuple of Tolerance, got {given!r}")
@@ -146,18 +144,9 @@ class Radar(ReadOnly):
         object.__setattr__(self, "levels", MappingProxyType(dict(self.levels)))
 
     def __repr__(self) -> str:
-        limits = (
-            f", {name} {value!r}"
-            for name, value, default in (
-                ("max_range", self.max_range, math.inf),
-                ("min_range", self.min_range, 0.0),
-                ("horizon", self.horizon, None),
-                ("scan_period", self.scan_period, None),
-                ("band", self.band, ""),
-                ("mask", self.mask, None),
-            )
-            if value != default
-        )
+        names = ("max_range", "min_range", "horizon", "scan_period", "band", "mask")
+        values = {name: getattr(self, name) for name in names}
+        limits = (f", {n} {v!r}" for n, v in values.items() if v != getattr(Radar, n))
         return f"<Radar {self.name!r}: {self.model!r}{''.join(limits)}>"
 
     def __getstate__(self) -> dict[str, Any]:
