@@ -115,9 +115,8 @@ class NetworkModel:
 
     def unchecked_linearize(self, aircraft: FloatArray, radar: FloatArray) -> Linearization:
         """Return `linearize` of states that have been checked."""
-        z, by_aircraft, by_radar = self._each_probit(
-            DetectionModel.unchecked_probit, aircraft, radar
-        )
+        visible = self.visible(aircraft, radar)
+        z, by_aircraft, by_radar = self._each_probit(aircraft, radar, visible)
         fused = reduce(either, map(ndtr, z))
         return Linearization(fused, *_weighted(slopes_of_p_d(z), by_aircraft, by_radar))
 
@@ -129,16 +128,12 @@ class NetworkModel:
         z is minus infinity where no radar sees the aircraft.
         """
         aircraft, radar = checked_states(aircraft, radar, len(self.radars))
-        each = self._each_probit(DetectionModel.unchecked_probit, aircraft, radar)
-        z, by_aircraft, by_radar = _fused(*each)
-        unseen = np.all(each[0] == UNSEEN, axis=0)
-        return np.where(unseen, -np.inf, z)[()], by_aircraft, by_radar
+        visible = self.visible(aircraft, radar)
+        z, by_aircraft, by_radar = self.extrapolated_probit(aircraft, radar, visible)
+        return np.where(visible.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
 
     def extrapolated_probit(
-        self,
-        aircraft: FloatArray,
-        radar: FloatArray,
-        visible: NDArray[np.bool_],
+        self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return a smooth z and its partials, for expansions about a state.
 
@@ -148,11 +143,15 @@ class NetworkModel:
         quantiles of max(z, floor) are max(quantile of z, floor).
 
         Args:
-            aircraft: (k, 6).
-            radar: (k, 7m); c_r may be negative.
-            visible: Radars (k, m) that see the aircraft, at all states; z is -1e6 where none does.
+            aircraft: (..., 6).
+            radar: (..., 4m) or (..., 7m); c_r may be negative.
+            visible: Radars (..., m) taken to see the aircraft; z is -1e6 where none does.
         """
-        return _fused(*self._each_probit(_extrapolated, aircraft, radar, visible))
+        z, by_aircraft, by_radar = self._each_probit(aircraft, radar, visible)
+        if len(z) == 1:  # fusion changes nothing, and takes ten times as long as z
+            return z[0], by_aircraft[0], by_radar[0]
+        fused, weight = linearize_fusion(z)
+        return (fused, *_weighted(weight, by_aircraft, by_radar))
 
     def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
         """Return the fused z (...) without any signal; -1e6 where no radar sees the aircraft."""
@@ -182,26 +181,19 @@ class NetworkModel:
             yield values[()]
 
     def _each_probit(
-        self,
-        linearized: Callable[..., tuple[FloatArray, FloatArray, FloatArray]],
-        aircraft: FloatArray,
-        radar: FloatArray,
-        visible: NDArray[np.bool_] | None = None,
+        self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-        """Return z_i (m, ...) of a function, and its partials by the aircraft and by each radar.
+        """Return z_i (m, ...) and its partials by the aircraft and by each radar.
 
-        The radars (..., m) that see the aircraft follow from the states where they are not given.
+        The arguments are as of `extrapolated_probit`.
         """
         values, by_aircraft, by_radar = [], [], []
-        for i, (single, state) in enumerate(
-            zip(self.radars, of_each(radar, len(self.radars)), strict=True)
-        ):
-            z, by_a, by_r = linearized(single.model, aircraft, state)
-            if single.limited or visible is not None:
-                seen = single.visible(aircraft, state) if visible is None else visible[..., i]
-                if not seen.all():
-                    z = np.where(seen, z, UNSEEN)
-                    by_a, by_r = (np.where(seen[..., np.newaxis], by, 0.0) for by in (by_a, by_r))
+        for i, state in enumerate(of_each(radar, len(self.radars))):
+            z, by_a, by_r = _extrapolated(self.radars[i].model, aircraft, state)
+            seen = visible[..., i]
+            if not seen.all():
+                z = np.where(seen, z, UNSEEN)
+                by_a, by_r = (np.where(seen[..., np.newaxis], by, 0.0) for by in (by_a, by_r))
             values.append(z)
             by_aircraft.append(by_a)
             by_radar.append(by_r)
@@ -227,25 +219,15 @@ def _at(states: FloatArray, shape: tuple[int, ...], places: NDArray[np.intp]) ->
 def _extrapolated(
     model: DetectionModel, aircraft: FloatArray, radar: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return z of states (k, 6) and (k, 7) and its partials, linear below c_r = 0."""
-    below_zero = np.minimum(radar[:, CONSTANT], 0.0)
+    """Return z of states (..., 6) and (..., 7) and its partials, linear below c_r = 0."""
+    below_zero = np.minimum(radar[..., CONSTANT], 0.0)
     # Unchecked, because a diverging search reaches states that are not finite.
     if not below_zero.any():
         return model.unchecked_probit(aircraft, radar)
     radar = radar.copy(order="K")
-    radar[:, CONSTANT] -= below_zero
+    radar[..., CONSTANT] -= below_zero
     value, by_aircraft, by_radar = model.unchecked_probit(aircraft, radar)
-    return value + by_radar[:, CONSTANT] * below_zero, by_aircraft, by_radar
-
-
-def _fused(
-    z: FloatArray, by_aircraft: Sequence[FloatArray], by_radar: Sequence[FloatArray]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the fused z (...) of the z_i (m, ...), and its partials."""
-    if len(z) == 1:  # fusion changes nothing, and takes ten times as long as z
-        return z[0], by_aircraft[0], by_radar[0]
-    fused, weight = linearize_fusion(z)
-    return (fused, *_weighted(weight, by_aircraft, by_radar))
+    return value + by_radar[..., CONSTANT] * below_zero, by_aircraft, by_radar
 
 
 def _weighted(
