@@ -155,10 +155,7 @@ class DetectionModel:
 
     def unchecked_p_d(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         """Return `p_d` of states that have been checked."""
-        (p_d,) = _in_blocks(
-            lambda a, r: (self.detector.p_d(self._snr(a, r), self.p_fa),), aircraft, radar
-        )
-        return p_d
+        return self.detector.p_d(self.unchecked_snr(aircraft, radar), self.p_fa)
 
     def unchecked_probit(
         self, aircraft: FloatArray, radar: FloatArray
