@@ -195,16 +195,13 @@ class DetectionModel:
         ratio = snr(constant, sigma, range_squared)
         ds_dconstant = snr(_ONE, sigma, range_squared)
         ds_dsigma = snr(constant, _ONE, range_squared)
-        path_loss = by_tilt = _ZERO
-        gain = None
+        path_loss = nepers = by_tilt = _ZERO
         if self.attenuation:
             path_loss = self._path_loss(radar, range_squared)
-            gain = np.exp(-path_loss)
         if self.antenna is not None:
             nepers, by_line, by_tilt = self.antenna.linearize(line, radar[..., TILT_ERROR])
-            gain = np.exp(nepers - path_loss)
-        if gain is not None:
-            ratio, ds_dconstant, ds_dsigma = gain * ratio, gain * ds_dconstant, gain * ds_dsigma
+        gain = np.exp(nepers - path_loss)
+        ratio, ds_dconstant, ds_dsigma = gain * ratio, gain * ds_dconstant, gain * ds_dsigma
         z, by_snr = self.detector.linearize_probit(ratio, self.p_fa)
 
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R, and −S · path_loss/R · d/R with an attenuation

@@ -48,7 +48,7 @@ def linearize_fusion(z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the fused z (...) of the z_i (m, ...), and its partials ∂z/∂z_i (m, ...)."""
     fused = fuse_probits(z)
     # φ(z_i)/φ(z) from the difference of squares, so that neither underflows
-    log_weight = _of_others(log_ndtr(-z)) + 0.5 * (fused - z) * (fused + z)
+    log_weight = _missed_by_others(z) + 0.5 * (fused - z) * (fused + z)
     return fused, np.exp(np.minimum(log_weight, 0.0))  # at most 1 without rounding
 
 
@@ -56,7 +56,7 @@ def slopes_of_p_d(z: FloatArray) -> FloatArray:
     """Return ∂P_D/∂z_i (m, ...) = exp(ln Q − ln Q_i) φ(z_i) for the z_i (m, ...)."""
     if len(z) == 1:
         return density(z)
-    return np.asarray(np.exp(_of_others(log_ndtr(-z))) * density(z))
+    return np.asarray(np.exp(_missed_by_others(z)) * density(z))
 
 
 def excess_hazard(z: FloatArray) -> FloatArray:
@@ -76,10 +76,10 @@ def excess_hazard(z: FloatArray) -> FloatArray:
     return excess
 
 
-def _of_others(log_missed: FloatArray) -> FloatArray:
-    """Return, for each radar, the sum over all others (m, ...), without subtraction."""
-    others = np.zeros_like(log_missed)
-    for i, missed in enumerate(log_missed):
+def _missed_by_others(z: FloatArray) -> FloatArray:
+    """Return ln Q − ln Q_i for each radar (m, ...), a sum over the others without subtraction."""
+    others = np.zeros_like(z)
+    for i, missed in enumerate(log_ndtr(-z)):
         others[:i] += missed
         others[i + 1 :] += missed
     return others
