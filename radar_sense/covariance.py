@@ -68,12 +68,9 @@ def _are_covariances(matrices: FloatArray) -> bool:
 
 
 def checked(whose: str, covariance: ArrayLike, n: int) -> FloatArray:
-    """Return covariances (..., n, n) as an array, checked: the error names the first that is none.
+    """Return covariances (..., n, n) of "aircraft" or "radar" as an array, checked.
 
-    Args:
-        whose: Name of the state in errors.
-        covariance: One matrix or many.
-        n: Number of components.
+    The error names the first that is none.
     """
     matrices = real_array(f"{whose} covariance", covariance)
     if matrices.shape[-2:] != (n, n):
