@@ -105,7 +105,7 @@ def attitude_of_motion(
     acceleration: FloatArray,
     origin: tuple[float, float, float] | None,
 ) -> FloatArray:
-    """Return attitudes (n, 3) [rad] relative to north, east and down at the aircraft.
+    """Return attitudes (n, 3) [rad] in the frame of the origin, for coordinated flight.
 
     Args:
         source: As of `attitude_from_motion`.
@@ -114,11 +114,11 @@ def attitude_of_motion(
         acceleration: North, east, down (n, 3) [m/s²] in the frame of the origin.
         origin: Origin of the frame; None if level is the same everywhere.
     """
-    if origin is not None:
-        turn = geodesy.turn_to_origin(place, origin)
-        velocity = np.einsum("...ij,...i->...j", turn, velocity)
-        acceleration = np.einsum("...ij,...i->...j", turn, acceleration)
-    return attitude_from_motion(source, velocity, acceleration)
+    if origin is None:
+        return attitude_from_motion(source, velocity, acceleration)
+    turn = geodesy.turn_to_origin(place, origin)
+    motion = (np.einsum("...ij,...i->...j", turn, of) for of in (velocity, acceleration))
+    return geodesy.turned_attitude(attitude_from_motion(source, *motion), turn)
 
 
 def covariance_in_frame(

@@ -191,9 +191,6 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
         if route.origin is not None:
             place = geodesy.geodetic_from_ned(position, route.origin)
         attitude = attitude_of_motion("route", place, velocity, acceleration, route.origin)
-        if route.origin is not None:
-            turn = geodesy.turn_to_origin(place, route.origin)
-            attitude = geodesy.turned_attitude(attitude, turn)
     aircraft = np.hstack([position, attitude])
     return Route(time, aircraft, _covariance(route, time), route.attitude_given, route.origin)
 

@@ -199,7 +199,7 @@ def read_route(
     if attitude is None:
         velocity, acceleration = motion_of_samples(time, position)
         attitude = attitude_of_motion(track.source, place, velocity, acceleration, origin)
-    if origin is not None:
+    elif origin is not None:
         attitude = geodesy.turned_attitude(attitude, geodesy.turn_to_origin(place, origin))
     aircraft = np.hstack([position, attitude])
     return Route(time, aircraft, track.covariance, track.attitude is not None, origin)
