@@ -148,7 +148,7 @@ def parameter(
     return field(default=default, metadata={"key": key, "meaning": meaning, "kind": kind})
 
 
-def declared(kind: Limit | Text | tuple[str, ...] | type, *, default: Any) -> Any:
+def declared(kind: Limit | Text | tuple[str, ...] | type, *, default: Any = MISSING) -> Any:
     """Declare a dataclass field that `check_parameters` checks. A default of None is allowed."""
     return field(default=default, metadata={"kind": kind})
 

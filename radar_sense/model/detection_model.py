@@ -17,7 +17,7 @@ from scipy.special import ndtr
 
 from radar_sense.covariance import checked, variance_along
 from radar_sense.errors import counted
-from radar_sense.limits import NOT_NEGATIVE, Limit, check_number, check_parameters, declared
+from radar_sense.limits import NOT_NEGATIVE, Limit, check_parameters, declared
 from radar_sense.model.antenna import ElevationGain
 from radar_sense.model.detectors import Detector, North, check_detector
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
@@ -105,17 +105,15 @@ class DetectionModel:
     """
 
     rcs: RCS
-    p_fa: float
+    p_fa: float = declared(Limit(above=0, below=1))
     detector: Detector = field(default_factory=North)
     attenuation: float = declared(NOT_NEGATIVE, default=0.0)
     antenna: ElevationGain | None = declared(ElevationGain, default=None)
 
     def __post_init__(self) -> None:
-        p_fa = check_number("p_fa", self.p_fa, Limit(above=0, below=1))
-        object.__setattr__(self, "p_fa", p_fa)
         check_parameters(self)
         check_rcs(self.rcs)
-        check_detector(self.detector, p_fa)
+        check_detector(self.detector, self.p_fa)
 
     @property
     def has_spread(self) -> bool:
