@@ -111,7 +111,7 @@ class UncertainStates:
 
     @cached_property
     def columns(self) -> NDArray[np.intp]:
-        """Columns (r,) of F that are not 0 at any pose, or of which these are a part."""
+        """Columns (r,) of F that may differ from 0, at all poses of which these are a part."""
         if len(self.cov_radar) == 1:
             return np.flatnonzero(self._root.any(axis=(0, 1)))
         uncertain = np.asarray(np.diagonal(self.cov_radar, axis1=1, axis2=2).any(axis=0))

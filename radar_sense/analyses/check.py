@@ -14,7 +14,7 @@ from radar_sense.flight import Path
 from radar_sense.limits import DEG
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.radar_constant import Tolerance, relative_std, shape
+from radar_sense.model.radar_constant import Tolerance, moments, relative_std
 from radar_sense.plausibility import banks
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, FloatArray
@@ -105,10 +105,11 @@ def _constants(scenario: Scenario) -> list[str]:
 
 def _shape(constant: float, tolerances: Sequence[Tolerance]) -> str:
     """Return a sentence with the moments of c_r, exactly and to first order."""
-    exact, first_order = shape(tolerances), constant * relative_std(tolerances)
+    mean, std, skewness = moments(tolerances)
+    first_order = constant * relative_std(tolerances)
     return (
-        f"c_r has mean {constant * exact.mean:.4g}, standard deviation {constant * exact.std:.4g} "
-        f"(first order {first_order:.4g}), skewness {round(exact.skewness, 2) + 0.0:.4g}"
+        f"c_r has mean {constant * mean:.4g}, standard deviation {constant * std:.4g} "
+        f"(first order {first_order:.4g}), skewness {round(skewness, 2) + 0.0:.4g}"
     )
 
 

@@ -166,15 +166,6 @@ def column_name(key: str) -> str:
     return f"{key.removeprefix(_LOSS)}_db" if key.startswith(_LOSS) else key
 
 
-@dataclass(frozen=True)
-class Shape:
-    """Mean and standard deviation of a positive quantity over its nominal value, and skewness."""
-
-    mean: float
-    std: float
-    skewness: float
-
-
 def relative_std(tolerances: Sequence[Tolerance]) -> float:
     """Return σ of c_r over c_r to first order, √Σ (∂ ln c_r/∂x_k σ_k)²."""
     return math.sqrt(sum(tolerance.slope**2 for tolerance in tolerances))
@@ -189,8 +180,8 @@ def factors(tolerances: Sequence[Tolerance], normals: FloatArray) -> FloatArray:
     return product
 
 
-def shape(tolerances: Sequence[Tolerance]) -> Shape:
-    """Return mean, standard deviation and skewness of c_r, all factors multiplied.
+def moments(tolerances: Sequence[Tolerance]) -> tuple[float, float, float]:
+    """Return mean and standard deviation of c_r over its nominal value, and its skewness.
 
     Means of powers of independent factors multiply: E c^n = Π E f_k^n.
     """
@@ -198,10 +189,10 @@ def shape(tolerances: Sequence[Tolerance]) -> Shape:
         math.prod(tolerance.moment(n) for tolerance in tolerances) for n in (1, 2, 3)
     )
     if not third < 1e300:  # no other power below overflows: none is larger than the third moment
-        return Shape(math.inf, math.inf, math.inf)
+        return math.inf, math.inf, math.inf
     variance = max(second - first * first, 0.0)
     if variance <= 1e-12 * first * first:  # nothing but rounding
-        return Shape(first, 0.0, 0.0)
+        return first, 0.0, 0.0
     skewness = (third - 3.0 * first * variance - first**3) / variance**1.5
     small = variance <= 1e-8 * first * first  # the skewness is below 0.001, as is its rounding
-    return Shape(first, math.sqrt(variance), 0.0 if small else skewness)
+    return first, math.sqrt(variance), 0.0 if small else skewness

@@ -14,8 +14,8 @@ from radar_sense.model.radar_constant import (
     MAX_DIVISOR_STD,
     Tolerance,
     factors,
+    moments,
     relative_std,
-    shape,
 )
 from radar_sense.model.radar_equation import SEARCH_FACTORS, SurveillanceRadar
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -197,16 +197,16 @@ def test_draws_have_the_moments(kind):
     normals = np.random.default_rng(3).standard_normal((runs, states.radar_normals))
     assert states.radar_normals == 3 + len(TOLERANCES[kind])
     radar = states.radars_at(normals)
-    drawn, exact = radar[:, 3] / s.radar[3], shape(s.tolerances[0])
+    drawn, (mean, std, skewness) = radar[:, 3] / s.radar[3], moments(s.tolerances[0])
     assert clipped(radar) == 0
     # 4.5 standard errors: of the mean, of the deviation (by the fourth moment), of the skewness
-    assert drawn.mean() == pytest.approx(exact.mean, abs=4.5 * exact.std / math.sqrt(runs))
+    assert drawn.mean() == pytest.approx(mean, abs=4.5 * std / math.sqrt(runs))
     centred = (drawn - drawn.mean()) / drawn.std()
     error = math.sqrt((np.mean(centred**4) - 1) / (4 * runs))
-    assert drawn.std() == pytest.approx(exact.std, rel=4.5 * error)
-    assert np.mean(centred**3) == pytest.approx(exact.skewness, abs=0.05)
+    assert drawn.std() == pytest.approx(std, rel=4.5 * error)
+    assert np.mean(centred**3) == pytest.approx(skewness, abs=0.05)
     # and they are far from the first order, which would not pass
-    assert exact.std / relative_std(s.tolerances[0]) - 1 > 3 * 4.5 * error
+    assert std / relative_std(s.tolerances[0]) - 1 > 3 * 4.5 * error
     np.testing.assert_allclose(radar[:, :3].std(axis=0), 100, rtol=0.01)
     assert np.max(abs(np.corrcoef(radar[:, :4].T) - np.eye(4))) < 0.01
 
@@ -215,7 +215,7 @@ def test_draws_have_the_moments(kind):
 def test_the_skewness_of_a_log_normal_factor_is_no_rounding(std):
     s2 = (std * math.log(10) / 10) ** 2
     skewness = (math.exp(s2) + 2) * math.sqrt(math.expm1(s2))
-    found = shape([Tolerance("loss_db", 8, std, -1, decibels=True)]).skewness
+    _, _, found = moments([Tolerance("loss_db", 8, std, -1, decibels=True)])
     assert found == pytest.approx(skewness, rel=1e-9, abs=0.005)
 
 

@@ -18,7 +18,7 @@ from helpers import (
 )
 from scenario_file.refused import refused
 
-from radar_sense.model.radar_constant import relative_std, shape
+from radar_sense.model.radar_constant import moments, relative_std
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
@@ -62,11 +62,11 @@ def test_check_shows_the_distribution(tool):
     write(yaml_text(sheet_document()))
     _, out, _ = tool("check", "my.yaml")
     s = load_scenario("my.yaml")
-    exact, c = shape(s.tolerances[0]), s.radar[3]
+    (mean, std, skewness), c = moments(s.tolerances[0]), s.radar[3]
     assert out.splitlines()[1] == (
-        f"# sheet: c_r has mean {c * exact.mean:.4g}, standard deviation {c * exact.std:.4g} "
+        f"# sheet: c_r has mean {c * mean:.4g}, standard deviation {c * std:.4g} "
         f"(first order {c * relative_std(s.tolerances[0]):.4g}), "
-        f"skewness {exact.skewness:.2f}"
+        f"skewness {skewness:.2f}"
     )
     assert "# number" not in out
 
