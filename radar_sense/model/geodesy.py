@@ -14,8 +14,8 @@ Sources: the ellipsoid is from NIMA TR8350.2 (*Department of Defense World Geode
 third edition, 2000), table 3.1. The transformations are from B. Hofmann-Wellenhof, H. Lichtenegger
 and E. Wasle, *GNSS*, 2008, ch. 8, unless another source is given.
 
-Positions are (..., 3): `geodetic`, `ecef` or `ned` as above. An `origin` is geodetic, (3,) or one
-for each position.
+Positions are (..., 3): `geodetic`, `ecef` or `ned` as above. An `origin` is geodetic, (3,); one
+position (3,) of `geodetic_from_ned`, and places of `turn_to_origin`, may have many, (..., 3).
 Attitudes are ZYX Euler angles (..., 3) [rad]: roll, pitch, yaw. Those returned have roll and yaw
 from −π to π, and pitch from −π/2 to π/2.
 """
