@@ -10,18 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr
 
 from radar_sense.covariance import checked, variance_along
 from radar_sense.errors import counted
 from radar_sense.limits import NOT_NEGATIVE, Limit, check_parameters, declared
 from radar_sense.model.antenna import ElevationGain
-from radar_sense.model.detectors import Detector, North, check_detector
+from radar_sense.model.detectors import Detector, North, check_detector, linearize
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
-from radar_sense.model.normal import density
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS, snr
 from radar_sense.model.rcs import RCS, check_rcs, linearize_with_error, with_error
 from radar_sense.states import (
@@ -39,6 +39,8 @@ from radar_sense.states import (
 
 #: R² [m²] at which aircraft and radar coincide. The square of this does not underflow.
 COINCIDE = 1e-100
+#: From S and P_fa to a value of a detector, and its slope by S.
+Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE, _ZERO = np.ones(()), np.zeros(())
 # glibc returns free memory beyond twice the largest array freed so far (mallopt(3)). Blocks would
 # fetch it again page by page, and a gradient would take twice the time. Never touched.
@@ -132,9 +134,8 @@ class DetectionModel:
 
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
         """Return P_D and its partials by all ten states."""
-        z, by_aircraft, by_radar = self.linearize_probit(aircraft, radar)
-        slope = density(z)[..., np.newaxis]
-        return Linearization(ndtr(z), slope * by_aircraft, slope * by_radar)
+        aircraft, radar = checked_states(aircraft, radar)
+        return Linearization(*self._by_states(partial(linearize, self.detector), aircraft, radar))
 
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
@@ -159,8 +160,15 @@ class DetectionModel:
         self, aircraft: FloatArray, radar: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return `linearize_probit` of checked states, NaN where a state is not finite."""
-        z, by_aircraft, by_radar = _in_blocks(self._chain, aircraft, radar)
-        return z, by_aircraft, by_radar[..., : radar.shape[-1]]
+        return self._by_states(self.detector.linearize_probit, aircraft, radar)
+
+    def _by_states(
+        self, detector: Slope, aircraft: FloatArray, radar: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the value of a detector, and its partials by both states."""
+        chain = partial(self._chain, detector)
+        value, by_aircraft, by_radar = _in_blocks(chain, aircraft, radar)
+        return value, by_aircraft, by_radar[..., : radar.shape[-1]]
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
@@ -179,8 +187,10 @@ class DetectionModel:
         growth = np.exp(np.minimum(radar[..., ATTENUATION_ERROR], MOST_NEPERS))
         return np.asarray(2.0 * NEPERS * (self.attenuation * growth) * np.sqrt(range_squared))
 
-    def _chain(self, aircraft: FloatArray, radar: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the probit z, and its partials by both states."""
+    def _chain(
+        self, detector: Slope, aircraft: FloatArray, radar: FloatArray
+    ) -> tuple[FloatArray, ...]:
+        """Return the value of a detector, and its partials by the states (..., 6) and (..., 7)."""
         line = radar_from_aircraft(aircraft, radar)
         attitude = None if self.rcs.isotropic else Attitude.from_state(aircraft)
         body = line if attitude is None else attitude.to_body(line)
@@ -200,7 +210,7 @@ class DetectionModel:
             nepers, by_line, by_tilt = self.antenna.linearize(line, radar[..., TILT_ERROR])
         gain = np.exp(nepers - path_loss)
         ratio, ds_dconstant, ds_dsigma = gain * ratio, gain * ds_dconstant, gain * ds_dsigma
-        z, by_snr = self.detector.linearize_probit(ratio, self.p_fa)
+        value, by_snr = detector(ratio, self.p_fa)
 
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R, and −S · path_loss/R · d/R with an attenuation
         by_log = by_snr * ratio
@@ -219,7 +229,7 @@ class DetectionModel:
             by_position = [p + g for p, g in zip(by_position, by_aspect, strict=True)]
         of_errors = (by_log * by_error, -by_log * path_loss, by_log * by_tilt)
         of_radar = join([*by_position, by_snr * ds_dconstant, *of_errors])
-        return z, join([*(-p for p in by_position), *by_attitude]), of_radar
+        return value, join([*(-p for p in by_position), *by_attitude]), of_radar
 
 
 def _range_squared(line: Vector) -> FloatArray:
