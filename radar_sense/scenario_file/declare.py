@@ -107,6 +107,11 @@ def key(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def optional(meaning: str, kind: Any, *, instead_of: Sequence[str] = ()) -> Any:
+    """Declare a key that may be missing, and has no default then."""
+    return key(meaning, kind, default=None, instead_of=instead_of)
+
+
 @dataclass(frozen=True)
 class Key:
     """A key of a section, as declared by `key` or by `limits`.
