@@ -463,7 +463,7 @@ class File(Section):
     radar: Radar | None = key("The radar.", Radar, one_of="radars")
     radars: tuple[NamedRadar, ...] | None = key(
         "Several radars in place of one, each with a name.",
-        list_of(NamedRadar, MAX_RADARS, "one radar or more, each with a name"),
+        list_of(section(NamedRadar), "one radar or more, each with a name", 1, MAX_RADARS),
         one_of="radars",
     )
     types: Types | None = optional(
