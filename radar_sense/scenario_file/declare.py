@@ -468,7 +468,7 @@ def yes_no() -> Kind:
     return Kind(
         f"one of {', '.join(choices)}",
         lambda place: read_word(place, choices) == "true",
-        lambda: {"type": "boolean"},
+        lambda: {"enum": [True, False, *choices]},  # quotes change nothing
     )
 
 
