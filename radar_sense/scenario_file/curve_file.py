@@ -33,20 +33,20 @@ def read_curve(opened: TextFile, columns: Mapping[str, Column]) -> tuple[FloatAr
     file = TableFile(opened)
     file.require_known(columns, " and ".join(columns))
     file.require([*columns], " and ".join(columns))
-    rows, lines = file.numbers(columns)
+    rows = file.numbers(columns)
     angle, value = (rows[:, file.names.index(name)] for name in columns)
     name = next(iter(columns))
     if len(rows) < 2:
         raise file.error("needs two rows or more")
     for row in np.flatnonzero(np.diff(angle) <= 0)[:1].tolist():
         ends = f"{angle[row + 1]:g} after {angle[row]:g}"
-        raise file.error(f"{name} must ascend from row to row, got {ends}", int(lines[row + 1]))
+        raise file.error(f"{name} must ascend from row to row, got {ends}", file.lines[row + 1])
     turn = angle[-1] - angle[0]
     if name == "azimuth_deg" and not _LEAST_DEG <= turn <= _TURN_DEG:
         allowed = f"the last row {_LEAST_DEG:g} to {_TURN_DEG:g} deg after the first"
-        raise file.error(f"{name} must go around: {allowed}, got {turn:g}", int(lines[-1]))
+        raise file.error(f"{name} must go around: {allowed}, got {turn:g}", file.lines[-1])
     if name == "azimuth_deg" and turn == _TURN_DEG and value[0] != value[-1]:
         ends = f"got {value[0]:g} and {value[-1]:g} at {angle[0]:g} and {angle[-1]:g} deg"
-        raise file.error(f"must be the same at both ends of a full turn, {ends}", int(lines[-1]))
+        raise file.error(f"must be the same at both ends of a full turn, {ends}", file.lines[-1])
     units = [column.unit for column in columns.values()]
     return angle * units[0], value * units[1]

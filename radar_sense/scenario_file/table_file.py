@@ -60,7 +60,10 @@ class TableFile:
         source: Name of the file in errors.
         line: Line of the names of the columns.
         names: Names of the columns; none in an empty file.
+        lines: Line of each row that `numbers` has read.
     """
+
+    lines: NDArray[np.int64]
 
     def __init__(self, file: TextFile) -> None:
         self._file, self.source = file, file.source
@@ -138,8 +141,8 @@ class TableFile:
         if count == MAX_ROWS:
             raise self.error(f"has more than {MAX_ROWS:,} rows", line)
 
-    def numbers(self, columns: Mapping[str, Column]) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Return the numbers (rows, columns) in the units of the file, and their lines (rows,).
+    def numbers(self, columns: Mapping[str, Column]) -> FloatArray:
+        """Return the numbers (rows, columns) in the units of the file.
 
         Raises:
             InputError: As `rows`, or if there are no rows or too many, or if a cell is no number
@@ -161,7 +164,8 @@ class TableFile:
         for row, column in np.argwhere(~((rows >= low) & (rows <= high)))[:1]:
             cell = repr(float(rows[row, column])).removesuffix(".0")
             self.number(cell, limits[column], self.names[column], lines[row])
-        return rows, np.frombuffer(lines, dtype=np.int64)
+        self.lines = np.frombuffer(lines, dtype=np.int64)
+        return rows
 
     def _rows(self, count: int) -> Iterator[tuple[int, list[str]]]:
         """Yield line and cells of each row that is not empty, without empty cells after `count`."""
