@@ -441,7 +441,7 @@ def _inputs(config: Path | None, scenario: Scenario) -> list[Path]:
 
     def named(content: object) -> Iterator[Path]:
         if isinstance(content, Mapping):
-            if "file" in content:
+            if isinstance(content.get("file"), str):  # and no level or loss of this name
                 yield Path(content["file"])
             content = [*content.values()]
         for item in content if isinstance(content, list) else ():
