@@ -592,10 +592,10 @@ def _progress_shown(name: str) -> Iterator[None]:
 
     def show(what: str, done: int, total: int) -> None:
         nonlocal shown, width
-        now, names = time.monotonic(), list(steps)
-        for inner in names[names.index(what) + 1 :] if what in steps else ():
-            del steps[inner]
-        begun = steps[what][0] if what in steps else now
+        now = time.monotonic()
+        begun, _ = steps.get(what, (now, ""))
+        while what in steps:  # with the steps within it
+            steps.popitem()
         left = (now - begun) * (total - done) / done if done else math.nan
         words = f", {left:.0f} s left" if left >= 1 else ""
         steps[what] = begun, f"{done:,} of {total:,} {what}{words}"
