@@ -241,7 +241,7 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
         """Turn the text of an option into an int or a float."""
-        text = str(value)
+        text = str(value).strip()
         if text.startswith("--"):  # the option behind this one
             needed = counted(param.nargs, "number")
             self.fail(f"needs {needed}; {describe(text)} is none", param, ctx)
@@ -254,9 +254,8 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         if not self.limit.allows(number):
             from radar_sense.scenario_file.text_file import advice
 
-            self.fail(
-                f"must be {self.limit}, got {describe(value)}{advice(text, self.limit)}", param, ctx
-            )
+            hint = advice(text, self.limit)
+            self.fail(f"must be {self.limit}, got {describe(text)}{hint}", param, ctx)
         return int(number) if self.limit.whole else number
 
 
