@@ -30,8 +30,8 @@ from radar_sense.model.rcs_table import (
     gap,
     out_of_order,
 )
-from radar_sense.scenario_file.table_file import Column, TableFile, open_data
-from radar_sense.scenario_file.text_file import TextFile
+from radar_sense.scenario_file.table_file import Column, TableFile
+from radar_sense.scenario_file.text_file import TextFile, open_text
 from radar_sense.states import FloatArray
 
 COLUMNS = {
@@ -60,7 +60,7 @@ def load_rcs_table(
     Raises:
         InputError: If the file cannot be read or anything in the file is not allowed.
     """
-    with open_data(path, "an RCS table") as file:
+    with open_text(path, "an RCS table") as file:
         return read_rcs_table(file, mirror, envelope)
 
 

@@ -37,8 +37,8 @@ from radar_sense.model.track import ATTITUDE_COLUMNS, attitude_of_motion, motion
 from radar_sense.model.trajectory import MIN_STEP, Route
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.conversion import KM
-from radar_sense.scenario_file.table_file import Column, TableFile, open_data
-from radar_sense.scenario_file.text_file import TextFile
+from radar_sense.scenario_file.table_file import Column, TableFile
+from radar_sense.scenario_file.text_file import TextFile, open_text
 from radar_sense.scenario_file.track_file import PLACES, TIMES, Track, read_gpx, read_state_vectors
 from radar_sense.states import AIRCRAFT, POSITION, FloatArray, slices
 
@@ -149,7 +149,7 @@ def load_route(
         raise InputError(
             f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
         )
-    with open_data(path, ROUTE_FILE) as file:
+    with open_text(path, ROUTE_FILE) as file:
         return read_route(file, stated, origin)
 
 

@@ -16,28 +16,20 @@ import math
 import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, describe, did_you_mean
 from radar_sense.limits import Limit
-from radar_sense.scenario_file.text_file import (
-    MAX_LETTERS,
-    NUMBER,
-    FileError,
-    TextFile,
-    number,
-    open_text,
-)
+from radar_sense.scenario_file.text_file import MAX_LETTERS, NUMBER, FileError, TextFile, number
 from radar_sense.states import FloatArray
 
-#: Most rows. A million rows of 28 numbers with 17 digits each are 0.7 GB.
-MAX_ROWS, MAX_BYTES = 1_000_000, 2**30
+#: Most rows.
+MAX_ROWS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -46,11 +38,6 @@ class Column:
 
     limit: Limit
     unit: float = 1.0
-
-
-def open_data(path: str | Path, kind: str) -> AbstractContextManager[TextFile]:
-    """Open a file of data, with the arguments and errors of `open_text`."""
-    return open_text(path, kind, MAX_BYTES)
 
 
 class TableFile:
