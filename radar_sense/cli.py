@@ -241,7 +241,7 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
         """Turn the text of an option into an int or a float."""
-        text = str(value)
+        text = str(value).strip()
         if text.startswith("--"):  # the option behind this one
             needed = counted(param.nargs, "number")
             self.fail(f"needs {needed}; {describe(text)} is none", param, ctx)
@@ -254,9 +254,8 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         if not self.limit.allows(number):
             from radar_sense.scenario_file.text_file import advice
 
-            self.fail(
-                f"must be {self.limit}, got {describe(value)}{advice(text, self.limit)}", param, ctx
-            )
+            hint = advice(text, self.limit)
+            self.fail(f"must be {self.limit}, got {describe(text)}{hint}", param, ctx)
         return int(number) if self.limit.whole else number
 
 
@@ -441,7 +440,7 @@ def _inputs(config: Path | None, scenario: Scenario) -> list[Path]:
 
     def named(content: object) -> Iterator[Path]:
         if isinstance(content, Mapping):
-            if "file" in content:
+            if isinstance(content.get("file"), str):  # and no level or loss of this name
                 yield Path(content["file"])
             content = [*content.values()]
         for item in content if isinstance(content, list) else ():
@@ -592,10 +591,10 @@ def _progress_shown(name: str) -> Iterator[None]:
 
     def show(what: str, done: int, total: int) -> None:
         nonlocal shown, width
-        now, names = time.monotonic(), list(steps)
-        for inner in names[names.index(what) + 1 :] if what in steps else ():
-            del steps[inner]
-        begun = steps[what][0] if what in steps else now
+        now = time.monotonic()
+        begun, _ = steps.get(what, (now, ""))
+        while what in steps:  # with the steps within it
+            steps.popitem()
         left = (now - begun) * (total - done) / done if done else math.nan
         words = f", {left:.0f} s left" if left >= 1 else ""
         steps[what] = begun, f"{done:,} of {total:,} {what}{words}"

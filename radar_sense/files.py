@@ -13,7 +13,6 @@ import json
 import math
 import os
 import platform
-import secrets
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache, partial
@@ -129,26 +128,23 @@ def write(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
         OSError: If a file cannot be written, with its name. No file is incomplete then.
     """
     paths = {name: folder / name for name in contents}
-    # Unlike a fixed name, a random one is never the file of another run at work.
-    temporary = {name: folder / f".{name}.{secrets.token_hex(4)}" for name in contents}
     new = [path for path in (folder, *folder.parents) if not path.exists()]
     at = folder
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, content in contents.items():
-            at = paths[name]
-            with temporary[name].open("xb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-        for name, at in paths.items():
-            temporary[name].replace(at)
+        # Inside the folder, and so on its disk. Another run at work has one of another name.
+        with tempfile.TemporaryDirectory("", ".", folder, ignore_cleanup_errors=True) as beside:
+            for name, content in contents.items():
+                at = paths[name]
+                with Path(beside, name).open("xb") as file:
+                    file.write(content)
+                    file.flush()
+                    os.fsync(file.fileno())
+            for name, at in paths.items():
+                Path(beside, name).replace(at)
     except OSError as error:  # with the name of the file, and not of the temporary one
         raise OSError(error.errno, error.strerror, str(at)) from error
     finally:
-        for path in temporary.values():
-            with contextlib.suppress(OSError):  # as where the folder is a file
-                path.unlink()
         for path in new:
             with contextlib.suppress(OSError):  # a folder with files stays
                 path.rmdir()

@@ -102,7 +102,6 @@ def banks(scenario: Scenario) -> FloatArray:
 
 
 def _height(scenario: Scenario) -> Iterator[str]:
-    down = scenario.aircraft[:, DOWN]
     height = scenario.geometry.horizon.height(scenario.aircraft)
     above = _surface(scenario)
     highest = float(height.max())
@@ -120,17 +119,17 @@ def _height(scenario: Scenario) -> Iterator[str]:
             f"sigma of the height, {std.max():.4g} m, is above the height at all poses, "
             f"{highest:.4g} m above {above} at most: are both in their units?",
         )
-    below = down > _lowest_down(scenario)
-    if scenario.origin is not None and height.min() < MIN_HEIGHT:
+    below, lowest = height < _ground_height(scenario), f"{-height.min():.4g} m below {above}"
+    if below.any() and scenario.origin is not None:
         yield warning(
             "below-ground",
-            f"the aircraft is below the ground, {-height.min():.4g} m below {above}: "
-            "are altitudes in metres, and positive upwards?",
+            f"the aircraft is below the ground, {lowest}: are altitudes in metres, and positive "
+            "upwards?",
         )
-    elif scenario.origin is None and below.any():
+    elif below.any():
         yield warning(
             "below-ground",
-            f"the aircraft is {down.max():.4g} m below the origin and below every radar "
+            f"the aircraft is {lowest} and below every radar "
             f"{describe_poses(below, scenario.axis)}: down is positive downwards, so heights are "
             "negative",
         )
@@ -188,14 +187,12 @@ def height_of_option(scenario: Scenario, down_km: float | None) -> Iterator[str]
     if down_km is None:
         return
     height = float(scenario.geometry.horizon.height(np.array([0.0, 0.0, 1e3 * down_km])))
-    lowest, ground = MIN_HEIGHT, f"{_surface(scenario)} at the origin"
-    if scenario.origin is None:
-        lowest, ground = -_lowest_down(scenario), "the origin and below every radar"
-    if height < lowest:
+    if height < _ground_height(scenario):
+        further = "and below every radar" if scenario.origin is None else "at the origin"
         yield warning(
             "below-ground",
-            f"the aircraft is {-height:.4g} m below {ground}: --down-km is positive downwards, so "
-            "heights are negative",
+            f"the aircraft is {-height:.4g} m below {_surface(scenario)} {further}: --down-km is "
+            "positive downwards, so heights are negative",
         )
     elif height > MAX_HEIGHT:
         yield warning(
@@ -205,9 +202,11 @@ def height_of_option(scenario: Scenario, down_km: float | None) -> Iterator[str]
         )
 
 
-def _lowest_down(scenario: Scenario) -> float:
-    """Return the down coordinate [m] of the lowest of origin and radars."""
-    return max(0.0, float(scenario.radar_states[:, DOWN].max()))
+def _ground_height(scenario: Scenario) -> float:
+    """Return the least height of a ground [m]: `MIN_HEIGHT`, or the lowest of origin and radars."""
+    if scenario.origin is not None:
+        return MIN_HEIGHT
+    return min(0.0, -float(scenario.radar_states[:, DOWN].max()))
 
 
 def _names(scenario: Scenario) -> list[str]:

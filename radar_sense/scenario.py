@@ -102,7 +102,7 @@ class Scenario:
     level: str = ""
     runs: int = declared(RUNS, default=500)
     seed: int = declared(SEED, default=1)
-    method: str = "automatic"
+    method: str = declared(tuple(METHODS), default="automatic")
     rcs_db: float = declared(STD_DB, default=0.0)
     correlation_s: float = 0.0
     source: Source | None = None
@@ -181,7 +181,6 @@ class Scenario:
     def _check_choices(self) -> None:
         check_parameters(self)
         check_choice("level", self.level, self.levels)
-        check_choice("method", self.method, METHODS)
         if self.correlation_s != math.inf:
             check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
         if self.rcs_db and any(radar.model.has_spread for radar in self.radars):

@@ -34,7 +34,9 @@ def build(file: sections.File, again: Callable[[Mapping[str, Any]], Scenario]) -
     Raises:
         InputError: If sections contradict each other, or a file that is named is not allowed.
     """
-    rcs = _rcs_by_band(file.aircraft.rcs)
+    stated = file.aircraft.rcs
+    by_band = stated.bands if isinstance(stated, sections.Bands) else {"": stated}
+    rcs = {band: _rcs(own) for band, own in by_band.items()}
     geometry = _geometry(file)
     radars = radars_of(file, rcs, geometry)
     for radar in radars:
@@ -60,12 +62,6 @@ def build(file: sections.File, again: Callable[[Mapping[str, Any]], Scenario]) -
 
 
 # The aircraft and its flight.
-
-
-def _rcs_by_band(stated: Any) -> dict[str, RCS]:
-    """Return the RCS by band, by "" where all radars have one."""
-    by_band = stated.bands if isinstance(stated, sections.Bands) else {"": stated}
-    return {band: _rcs(own) for band, own in by_band.items()}
 
 
 def _rcs(stated: Any) -> RCS:

@@ -34,9 +34,8 @@ from radar_sense.model.radar_equation import LOSSES_KEY, RADARS, SEARCH_FACTORS
 from radar_sense.model.rcs import RCS
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.conversion import KM, PER_KM, covariance_of, on_earth, read_named
-from radar_sense.scenario_file.curve_file import GAIN_COLUMNS, MASK_COLUMNS, read_curve
+from radar_sense.scenario_file.curve_file import read_gain, read_mask
 from radar_sense.scenario_file.declare import keys_of
-from radar_sense.scenario_file.table_file import Column
 from radar_sense.source_names import name_problem
 from radar_sense.states import POSITION, FloatArray
 
@@ -127,20 +126,13 @@ def _by_direction(
     """
     antenna = mask = None
     if stated.elevation_gain is not None:
-        curve = _curve(stated.elevation_gain, "a file of gains", GAIN_COLUMNS)
+        curve = read_named(stated.elevation_gain, "a file of gains", read_gain)
         antenna = ElevationGain(*curve, stated.tilt_deg * DEG, axes=axes)
     elif stated.tilt_deg:
         raise stated.place["tilt_deg"].error("needs elevation_gain, the gain that is tilted")
     if stated.mask is not None:
-        mask = Mask(*_curve(stated.mask, "a file of a mask", MASK_COLUMNS), axes=axes)
+        mask = Mask(*read_named(stated.mask, "a file of a mask", read_mask), axes=axes)
     return antenna, mask
-
-
-def _curve(
-    stated: sections.DataFile, kind: str, columns: Mapping[str, Column]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the angles and values of a file."""
-    return read_named(stated, kind, lambda file: read_curve(file, columns))
 
 
 def _band(stated: sections.Radar, rcs: Mapping[str, RCS]) -> str:

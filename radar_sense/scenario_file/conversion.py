@@ -13,8 +13,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import DEG
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.place import Place
-from radar_sense.scenario_file.table_file import open_data
-from radar_sense.scenario_file.text_file import FileError, TextFile
+from radar_sense.scenario_file.text_file import FileError, TextFile, open_text
 from radar_sense.states import FloatArray
 
 C = TypeVar("C")
@@ -40,7 +39,7 @@ def read_named(stated: Named, kind: str, read: Callable[[TextFile], C]) -> C:
     place = stated.place
     path = FilePath(place.file).parent / stated.file
     try:
-        with open_data(path, kind) as file:
+        with open_text(path, kind) as file:
             try:
                 content = read(file)
             except InputError:

@@ -107,6 +107,11 @@ def key(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def optional(meaning: str, kind: Any, *, instead_of: Sequence[str] = ()) -> Any:
+    """Declare a key that may be missing, and has no default then."""
+    return key(meaning, kind, default=None, instead_of=instead_of)
+
+
 @dataclass(frozen=True)
 class Key:
     """A key of a section, as declared by `key` or by `limits`.
@@ -463,28 +468,38 @@ def yes_no() -> Kind:
     return Kind(
         f"one of {', '.join(choices)}",
         lambda place: read_word(place, choices) == "true",
-        lambda: {"type": "boolean"},
+        lambda: {"enum": [True, False, *choices]},  # quotes change nothing
     )
 
 
 def numbers(size: int, limit: Limit = ANY) -> Kind:
     """Return the kind of a list of numbers, which is read as a tuple."""
-    return _several(number(limit), size, "numbers", f"{size} numbers: each {limit}")
+    return list_of(number(limit), f"{size} numbers", size, size, f"{size} numbers: each {limit}")
 
 
 def matrix(size: int) -> Kind:
     """Return the kind of a square matrix, a list of rows, which is read as a tuple of tuples."""
-    what = f"rows of {size} numbers"
-    return _several(numbers(size), size, what, f"{size} {what}")
+    what = f"{size} rows of {size} numbers"
+    return list_of(numbers(size), what, size, size, what)
 
 
-def _several(kind: Kind, size: int, what: str, allowed: str) -> Kind:
-    """Return the kind of a list of a size, which is read as a tuple."""
+def list_of(kind: Kind, what: str, least: int, most: int, allowed: str = "") -> Kind:
+    """Return the kind of a list of values, read as a tuple; an error says what they are."""
+
+    def read_list(place: Place) -> tuple[Any, ...]:
+        entries = place.entries()
+        if len(entries) < least or least == most < len(entries):
+            raise place.wrong(f"a list of {what}")
+        if len(entries) > most:
+            raise place.error(f"has {len(entries)} entries, allowed are {most}")
+        return tuple(map(kind.read, entries))
+
     return Kind(
         allowed,
-        lambda place: tuple(kind.read(entry) for entry in place.entries(size, what)),
-        lambda: {"type": "array", "items": kind.schema(), "minItems": size, "maxItems": size},
+        read_list,
+        lambda: {"type": "array", "items": kind.schema(), "minItems": least, "maxItems": most},
         lambda value: [kind.write(item) for item in value],
+        sections=lambda: {f"[]{end}": cls for end, cls in kind.sections().items()},
     )
 
 
@@ -600,26 +615,6 @@ def named(name: Text, kind: Kind, what: str) -> Kind:
         },
         lambda value: {given: kind.write(item) for given, item in value.items()},
         sections=lambda: {f".NAME{end}": cls for end, cls in kind.sections().items()},
-    )
-
-
-def list_of(cls: type, most: int, what: str) -> Kind:
-    """Return the kind of a list of one section or more; an error says what they are."""
-
-    def read_list(place: Place) -> tuple[Any, ...]:
-        entries = place.entries() if place.is_list else []
-        if not entries:
-            raise place.wrong(f"a list of {what}")
-        if len(entries) > most:
-            raise place.error(f"has {len(entries)} entries, allowed are {most}")
-        return tuple(read(entry, cls) for entry in entries)
-
-    return Kind(
-        "",
-        read_list,
-        lambda: {"type": "array", "minItems": 1, "maxItems": most, "items": schema(cls)},
-        lambda value: [write(item) for item in value],
-        sections=lambda: {"[]": cls},
     )
 
 

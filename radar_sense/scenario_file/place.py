@@ -117,14 +117,10 @@ class Place:
             pairs[key.text] = key, Place(value, path, self.file)
         return pairs
 
-    def entries(self, count: int | None = None, what: str = "values") -> list[Place]:
-        """Return the values of a list, of `count` values if a count is given."""
-        if not self.is_list or count not in (None, len(self.node.value)):
-            raise self.wrong("a list" if count is None else f"a list of {count} {what}")
-        return [
-            Place(node, f"{self.path}[{i}]", self.file)
-            for i, node in enumerate(self.node.value, start=1)
-        ]
+    def entries(self) -> list[Place]:
+        """Return the values of a list; none if this is no list."""
+        nodes = enumerate(self.node.value if self.is_list else (), start=1)
+        return [Place(node, f"{self.path}[{i}]", self.file) for i, node in nodes]
 
     def __getitem__(self, key: str) -> Place:
         """Return the place of a value; this place if the file does not have the value."""

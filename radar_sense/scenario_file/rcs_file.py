@@ -30,8 +30,8 @@ from radar_sense.model.rcs_table import (
     gap,
     out_of_order,
 )
-from radar_sense.scenario_file.table_file import Column, TableFile, open_data
-from radar_sense.scenario_file.text_file import TextFile
+from radar_sense.scenario_file.table_file import Column, TableFile
+from radar_sense.scenario_file.text_file import TextFile, open_text
 from radar_sense.states import FloatArray
 
 COLUMNS = {
@@ -47,10 +47,6 @@ _UNITS = {"rcs_m2": "m^2", "rcs_dbsm": "dBsm", "std_db": "dB"}
 _ROUNDING = 1e-9
 
 
-class _RowError(Exception):
-    """A row of the file (a number from 0), and what is wrong with it."""
-
-
 def load_rcs_table(
     path: str | Path, *, mirror: bool = False, envelope: float | None = None
 ) -> TableRCS:
@@ -64,7 +60,7 @@ def load_rcs_table(
     Raises:
         InputError: If the file cannot be read or anything in the file is not allowed.
     """
-    with open_data(path, "an RCS table") as file:
+    with open_text(path, "an RCS table") as file:
         return read_rcs_table(file, mirror, envelope)
 
 
@@ -75,13 +71,8 @@ def read_rcs_table(opened: TextFile, mirror: bool, envelope: float | None) -> Ta
     file.require(["azimuth_deg"], "azimuth_deg, and one of rcs_m2 and rcs_dbsm")
     if ("rcs_m2" in file.names) == ("rcs_dbsm" in file.names):
         raise file.error("needs one of the columns rcs_m2 and rcs_dbsm, and not both")
-    rows, lines = file.numbers(COLUMNS)
-    columns = dict(zip(file.names, rows.T.copy(), strict=True))
-    try:
-        azimuth, elevation, row = _nodes(columns, mirror)
-    except _RowError as error:
-        wrong, message = error.args
-        raise file.error(message, int(lines[wrong])) from None
+    columns = dict(zip(file.names, file.numbers(COLUMNS).T.copy(), strict=True))
+    azimuth, elevation, row = _nodes(file, columns, mirror)
     dbsm = columns.get("rcs_dbsm")
     rcs = columns["rcs_m2"] if dbsm is None else 10.0 ** (dbsm / 10.0)
     row = row[:, 0] if elevation is None else row
@@ -90,80 +81,82 @@ def read_rcs_table(opened: TextFile, mirror: bool, envelope: float | None) -> Ta
 
 
 def _nodes(
-    columns: dict[str, FloatArray], mirror: bool
+    file: TableFile, columns: dict[str, FloatArray], mirror: bool
 ) -> tuple[FloatArray, FloatArray | None, NDArray[np.intp]]:
     """Return azimuths (n,) [rad], elevations (m,) [rad] or None, and rows (n, m) or (n, 1)."""
     azimuth, elevation = np.deg2rad(columns["azimuth_deg"]), None
     row = np.arange(len(azimuth))[:, np.newaxis]
     if "elevation_deg" not in columns:
-        _refuse(out_of_order("azimuth", azimuth), row[:, 0])
+        _refuse(file, out_of_order("azimuth", azimuth), row[:, 0])
     else:
         elevation = np.deg2rad(columns["elevation_deg"])
         if len(azimuth) > 1 and azimuth[0] == azimuth[1]:
-            row = _grid({"azimuth": azimuth, "elevation": elevation})
+            row = _grid(file, {"azimuth": azimuth, "elevation": elevation})
         else:
-            row = _grid({"elevation": elevation, "azimuth": azimuth}).T
+            row = _grid(file, {"elevation": elevation, "azimuth": azimuth}).T
         azimuth, elevation = azimuth[row[:, 0]], elevation[row[0]]
     values = {name: unit for name, unit in _UNITS.items() if name in columns}
     if mirror:
-        azimuth, row = _mirrored(azimuth, row)
+        azimuth, row = _mirrored(file, azimuth, row)
     else:
-        azimuth, row = _opened(azimuth, row, [columns[name] for name in values])
-    _refuse(gap("azimuth", azimuth), row[:, 0])
+        azimuth, row = _opened(file, azimuth, row, [columns[name] for name in values])
+    _refuse(file, gap("azimuth", azimuth), row[:, 0])
     if elevation is not None:
-        _refuse(gap("elevation", elevation), row.min(axis=0))
+        _refuse(file, gap("elevation", elevation), row.min(axis=0))
         for name, unit in values.items():
             problem = differs_at_a_pole(elevation, columns[name][row], unit)
-            _refuse(problem, row.ravel())
+            _refuse(file, problem, row.ravel())
     return azimuth, elevation, row
 
 
-def _grid(angles: dict[str, FloatArray]) -> NDArray[np.intp]:
+def _grid(file: TableFile, angles: dict[str, FloatArray]) -> NDArray[np.intp]:
     """Return the rows of a complete grid, by the slowly changing angle and by the other.
 
     The angles [rad] of each row are by name, the slowly changing one first.
     """
     (slow_name, slow), (fast_name, fast) = angles.items()
     starts = np.flatnonzero(np.diff(slow, prepend=np.nan) != 0)
-    _refuse(out_of_order(slow_name, slow[starts]), starts)
+    _refuse(file, out_of_order(slow_name, slow[starts]), starts)
     blocks = np.split(np.arange(len(slow)), starts[1:])
     first = fast[blocks[0]]
     for block in blocks:
-        _refuse(out_of_order(fast_name, fast[block]), block)
+        _refuse(file, out_of_order(fast_name, fast[block]), block)
         common = min(len(block), len(first))
         off = np.flatnonzero(fast[block[:common]] != first[:common])
         if len(off):
-            raise _RowError(
-                block[off[0]],
+            raise file.error(
                 f"the grid is not complete: {fast_name} must be {np.rad2deg(first[off[0]]):g} "
                 f"here, as at the first {slow_name}, got {np.rad2deg(fast[block[off[0]]]):g}",
+                file.lines[block[off[0]]],
             )
         if len(block) != len(first):
-            raise _RowError(
-                block[-1],
+            raise file.error(
                 f"the grid is not complete: {slow_name} {np.rad2deg(slow[block[0]]):g} has "
                 f"{len(block)} of the values for {fast_name}, must have {len(first)} as the first "
                 f"{slow_name} has",
+                file.lines[block[-1]],
             )
     if len(blocks) < 2 or len(first) < 2:
-        raise _RowError(
-            0,
+        raise file.error(
             "needs two or more azimuths and elevations; a table that holds for all elevations has "
             "no column for them",
+            file.lines[0],
         )
     return np.stack(blocks)
 
 
-def _mirrored(azimuth: FloatArray, row: NDArray[np.intp]) -> tuple[FloatArray, NDArray[np.intp]]:
+def _mirrored(
+    file: TableFile, azimuth: FloatArray, row: NDArray[np.intp]
+) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return azimuths and rows of the whole circle, from one half."""
     right = azimuth[-1] > 0
     low, high = (0.0, np.pi) if right else (-np.pi, 0.0)
     outside = np.flatnonzero((azimuth < low) | (azimuth > high))
     if len(outside):
-        raise _RowError(
-            row[outside[0], 0],
+        raise file.error(
             "mirror: true is for azimuths from 0 to 180, or from -180 to 0, "
             f"got {np.rad2deg(azimuth[outside[0]]):g}",
+            file.lines[row[outside[0], 0]],
         )
     # 0 and ±180 are their own mirror images
     imaged = np.flatnonzero((azimuth != 0) & (abs(azimuth) != np.pi))[::-1]
@@ -173,7 +166,7 @@ def _mirrored(azimuth: FloatArray, row: NDArray[np.intp]) -> tuple[FloatArray, N
 
 
 def _opened(
-    azimuth: FloatArray, row: NDArray[np.intp], values: list[FloatArray]
+    file: TableFile, azimuth: FloatArray, row: NDArray[np.intp], values: list[FloatArray]
 ) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return azimuths and rows of the whole circle, without the second of two equal ends."""
     turned = azimuth - azimuth[0] - math.tau
@@ -181,23 +174,23 @@ def _opened(
         return azimuth, row
     if turned[-1] > _ROUNDING:
         at = int(np.argmax(turned > _ROUNDING))
-        raise _RowError(
-            row[at, 0],
+        raise file.error(
             f"azimuth {np.rad2deg(azimuth[at]):g} is more than a turn from the first, "
             f"{np.rad2deg(azimuth[0]):g}",
+            file.lines[row[at, 0]],
         )
     differs = np.any([value[row[0]] != value[row[-1]] for value in values], axis=0)
     if differs.any():
         ends = " and ".join(f"{np.rad2deg(azimuth[i]):g}" for i in (-1, 0))
-        raise _RowError(
-            row[-1, np.argmax(differs)],
+        raise file.error(
             f"azimuth {ends} are the same direction and have different values; leave one of them "
             "out",
+            file.lines[row[-1, np.argmax(differs)]],
         )
     return azimuth[:-1], row[:-1]
 
 
-def _refuse(problem: Problem | None, rows: NDArray[np.intp]) -> None:
+def _refuse(file: TableFile, problem: Problem | None, rows: NDArray[np.intp]) -> None:
     if problem:
         index, message = problem
-        raise _RowError(rows[index], message)
+        raise file.error(message, file.lines[rows[index]])

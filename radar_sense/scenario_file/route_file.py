@@ -28,7 +28,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radar_sense.covariance import first_wrong
 from radar_sense.errors import InputError
@@ -38,8 +37,8 @@ from radar_sense.model.track import ATTITUDE_COLUMNS, attitude_of_motion, motion
 from radar_sense.model.trajectory import MIN_STEP, Route
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.conversion import KM
-from radar_sense.scenario_file.table_file import Column, TableFile, open_data
-from radar_sense.scenario_file.text_file import TextFile
+from radar_sense.scenario_file.table_file import Column, TableFile
+from radar_sense.scenario_file.text_file import TextFile, open_text
 from radar_sense.scenario_file.track_file import PLACES, TIMES, Track, read_gpx, read_state_vectors
 from radar_sense.states import AIRCRAFT, POSITION, FloatArray, slices
 
@@ -150,7 +149,7 @@ def load_route(
         raise InputError(
             f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
         )
-    with open_data(path, ROUTE_FILE) as file:
+    with open_text(path, ROUTE_FILE) as file:
         return read_route(file, stated, origin)
 
 
@@ -236,7 +235,7 @@ def _table(file: TableFile) -> Track:
     for group in given:
         several = f"{group[0]} to {group[-1]}" if len(group) > 3 else ", ".join(group)
         file.require(group, f"all of {several}, or none")
-    rows, lines = file.numbers(COLUMNS)
+    rows = file.numbers(COLUMNS)
 
     def si(wanted: Sequence[str]) -> FloatArray:
         """Return columns (rows, k) in SI units."""
@@ -246,18 +245,18 @@ def _table(file: TableFile) -> Track:
     return Track(
         source=file.source,
         line=file.line,
-        lines=lines,
+        lines=file.lines,
         place=si(place),
         altitudes=("ellipsoid", "sea") if GEODETIC in given else (),
         time=si(["time_s"])[:, 0] if "time_s" in names else None,
         time_name="time_s",
         speed=si(["speed_m_s"])[:, 0] if "speed_m_s" in names else None,
         attitude=si(ATTITUDE_COLUMNS) if ATTITUDE_COLUMNS in given else None,
-        covariance=_covariance(file, rows, lines),
+        covariance=_covariance(file, rows),
     )
 
 
-def _covariance(file: TableFile, rows: FloatArray, lines: NDArray[np.int64]) -> FloatArray | None:
+def _covariance(file: TableFile, rows: FloatArray) -> FloatArray | None:
     """Return C_aa (n, 6, 6) of rows in SI units, or None if the file has no columns of it."""
     group = next((group for group in (STD, COV) if group[0] in file.names), None)
     if group is None:
@@ -272,7 +271,7 @@ def _covariance(file: TableFile, rows: FloatArray, lines: NDArray[np.int64]) -> 
         numbers[np.abs(numbers) < _LEAST_COVARIANCE] = 0.0
         problem = first_wrong(numbers[:, _ENTRY])
         if problem:
-            raise file.error(f"covariance {problem[1]}", int(lines[block][problem[0]]))
+            raise file.error(f"covariance {problem[1]}", file.lines[block][problem[0]])
         covariance[block] = numbers[:, _ENTRY] * np.outer(_COV_UNITS, _COV_UNITS)
     return covariance
 

@@ -47,6 +47,7 @@ from radar_sense.scenario_file.declare import (
     named,
     number,
     numbers,
+    optional,
     or_section,
     schema,
     section,
@@ -112,11 +113,11 @@ def _tolerances() -> type:
         if f.default is dataclasses.MISSING
     }
     keys: dict[str, Any] = {
-        name: key(f"Standard deviation of {name}.", or_section(limit, HalfWidth), default=None)
+        name: optional(f"Standard deviation of {name}.", or_section(limit, HalfWidth))
         for name, limit in limits.items()
     }
     losses = named(_LOSS, or_section(STD_DB, HalfWidth), "loss")
-    keys[LOSSES_KEY] = key("Standard deviations of the losses by name.", losses, default=None)
+    keys[LOSSES_KEY] = optional("Standard deviations of the losses by name.", losses)
     return _section("Tolerances", "Standard deviations by parameter of a data sheet.", keys)
 
 
@@ -133,19 +134,14 @@ class PoseUncertainty(Section):
     """The uncertainty of the aircraft, the same at all poses."""
 
     position_m: Any = key(
-        "Uncertainty of north, east, down.",
-        deviations(3),
-        unless=("covariance", "rcs_db"),
+        "Uncertainty of north, east, down.", deviations(3), unless=("covariance", "rcs_db")
     )
     attitude_deg: Any = key(
-        "Uncertainty of roll, pitch, yaw.",
-        deviations(3),
-        unless=("covariance", "rcs_db"),
+        "Uncertainty of roll, pitch, yaw.", deviations(3), unless=("covariance", "rcs_db")
     )
-    covariance: Any = key(
+    covariance: Any = optional(
         "Covariance of position, in m, and attitude, in degrees, together.",
         matrix(6),
-        default=None,
         instead_of=("position_m", "attitude_deg"),
     )
     rcs_db: float = key(
@@ -168,10 +164,9 @@ class RadarUncertainty(Section):
         or_section(NOT_NEGATIVE, Tolerances),
         unless=("covariance",),
     )
-    covariance: Any = key(
+    covariance: Any = optional(
         "Covariance of position, in m, and c_r, in J m²/K, together.",
         matrix(4),
-        default=None,
         instead_of=("position_m", "constant"),
     )
     attenuation_db_per_km: float = key(
@@ -193,19 +188,16 @@ _LEVELS = named(LEVEL_NAME, section(RadarUncertainty), "level of uncertainty")
 class Uncertainty(Section):
     """The uncertainty of the states."""
 
-    aircraft: PoseUncertainty | None = key(
-        "Covariance of the pose; required unless the route file has it.",
-        PoseUncertainty,
-        default=None,
+    aircraft: PoseUncertainty | None = optional(
+        "Covariance of the pose; required unless the route file has it.", PoseUncertainty
     )
     aircraft_correlation_s: float = key(
         "Correlation time of the pose errors.", number(NOT_NEGATIVE, infinite=True), default=0.0
     )
-    radar: Levels | None = key(
+    radar: Levels | None = optional(
         "Levels of uncertainty of the radar, by name; required with `radar`, not allowed with "
         "`radars`.",
         _LEVELS,
-        default=None,
     )
 
 
@@ -228,7 +220,7 @@ def _data_sheet(kind: str) -> type:
             meaning = unit.meaning or f.metadata["meaning"]
             keys[name] = key(meaning, f.metadata["kind"], **options)
     losses = named(_LOSS, number(LOSSES), "loss")
-    keys[LOSSES_KEY] = key("Further losses by name [dB].", losses, default=None)
+    keys[LOSSES_KEY] = optional("Further losses by name [dB].", losses)
     if kind == "surveillance":
         keys["search_factor"] = key(
             "Divisor of the power-aperture product in c_r.", tuple(SEARCH_FACTORS), default="16"
@@ -244,7 +236,7 @@ class DataFile(Section):
     """A file beside the scenario file, and what it must have in it."""
 
     file: str = key(*_CSV_FILE)
-    sha256: str | None = key(*_DIGEST, default=None)
+    sha256: str | None = optional(*_DIGEST)
 
 
 #: The name of a file, or a `DataFile`.
@@ -269,25 +261,22 @@ class Radar(Section):
         one_of="constant",
     )
     tracking: Any = key(
-        "Parameters of a tracking radar, in place of the constant.",
-        Tracking,
-        one_of="constant",
+        "Parameters of a tracking radar, in place of the constant.", Tracking, one_of="constant"
     )
     detector: Detector = key(
         "Detector and fluctuation of the target.",
         by_word("model", DETECTORS, bare=True, synonyms=_STEADY),
         default=North(),
     )
-    scan_period_s: float | None = key(
+    scan_period_s: float | None = optional(
         "Time from one look to the next, which mission needs; by default the scan time of "
         "surveillance.",
         POSITIVE,
-        default=None,
     )
     attenuation_db_per_km: float = key(
         "One-way attenuation on the way to the target and back.", NOT_NEGATIVE, default=0.0
     )
-    max_range_km: float | None = key("Slant range beyond which P_D is 0.", POSITIVE, default=None)
+    max_range_km: float | None = optional("Slant range beyond which P_D is 0.", POSITIVE)
     min_range_km: float = key("Slant range within which P_D is 0.", NOT_NEGATIVE, default=0.0)
     eclipsing: bool = key(
         "Whether P_D is 0 within c tau/2 (tau: pulse_width_us), where the transmitter hides the "
@@ -296,28 +285,21 @@ class Radar(Section):
         default=False,
     )
     horizon: bool = key("Whether P_D is 0 below the horizon.", yes_no(), default=False)
-    mask: DataFile | None = key(
-        "CSV file with the lowest visible elevation by azimuth; P_D is 0 below.",
-        _DATA_FILE,
-        default=None,
+    mask: DataFile | None = optional(
+        "CSV file with the lowest visible elevation by azimuth; P_D is 0 below.", _DATA_FILE
     )
-    elevation_gain: DataFile | None = key(
+    elevation_gain: DataFile | None = optional(
         "CSV file with the relative gain of the antenna by elevation, which counts there and back.",
         _DATA_FILE,
-        default=None,
     )
     tilt_deg: float = key(
         "Elevation of the axis of the antenna, from which elevation_gain counts.", TILT, default=0.0
     )
-    band: str | None = key(
-        "Frequency band, one of aircraft.rcs.bands; required with bands, not allowed without.",
-        BAND,
-        default=None,
+    band: str | None = optional(
+        "Frequency band, one of aircraft.rcs.bands; required with bands, not allowed without.", BAND
     )
-    type: str | None = key(
-        "Type of the radar, one of types: radars of a type share its errors.",
-        TYPE,
-        default=None,
+    type: str | None = optional(
+        "Type of the radar, one of types: radars of a type share its errors.", TYPE
     )
 
 
@@ -344,10 +326,8 @@ class Table(Section):
     mirror: bool = key(
         "Whether the file has one half of a symmetric aircraft.", yes_no(), default=False
     )
-    envelope_deg: float | None = key(
-        "Half width of the envelope of the table.", ENVELOPE, default=None
-    )
-    sha256: str | None = key(*_DIGEST, default=None)
+    envelope_deg: float | None = optional("Half width of the envelope of the table.", ENVELOPE)
+    sha256: str | None = optional(*_DIGEST)
 
 
 #: The RCS models by name, with the section of a table. A model may be added at any time.
@@ -369,10 +349,9 @@ class Aircraft(Section):
     """The aircraft."""
 
     rcs: Any = key("Radar cross section, of all radars or by band.", or_section(_ONE_RCS, Bands))
-    attitude_deg: tuple[float, float, float] | None = key(
+    attitude_deg: tuple[float, float, float] | None = optional(
         "Roll, pitch, yaw on an orbit or a radial, where it is required; not allowed on a path.",
         numbers(3, _ANGLE),
-        default=None,
     )
 
 
@@ -428,28 +407,22 @@ class Path(Section):
 
     file: str = key("Name of a route file, from the folder of the scenario file.", _FILE)
     axis: str = key("Axis of tables and figures.", ("time", "distance"), default="time")
-    origin: Geodetic | None = key(
-        "Origin of the frame of a route in latitude and longitude.", Geodetic, default=None
+    origin: Geodetic | None = optional(
+        "Origin of the frame of a route in latitude and longitude.", Geodetic
     )
-    interpolate: Interpolation | None = key(
-        "Poses at equal steps of time; without it the rows of the file.",
-        Interpolation,
-        default=None,
+    interpolate: Interpolation | None = optional(
+        "Poses at equal steps of time; without it the rows of the file.", Interpolation
     )
-    max_gap_s: float | None = key(
-        "Longest step of time allowed in the file.", POSITIVE, default=None
-    )
-    altitude_above: str | None = key(
+    max_gap_s: float | None = optional("Longest step of time allowed in the file.", POSITIVE)
+    altitude_above: str | None = optional(
         "What the altitudes of the file are above. Without the key: the sea in GPX, else the "
         "ellipsoid. The sea and pressure altitude need geoid_height_m.",
         ("ellipsoid", "sea", "pressure"),
-        default=None,
     )
-    geoid_height_m: float | None = key(
+    geoid_height_m: float | None = optional(
         "Height of the sea level above the WGS-84 ellipsoid on the route. It is the surface of the "
         "horizon, too, also of altitudes for which altitude_above states the ellipsoid.",
         Limit(at_least=-110, at_most=90),  # by EGM2008 from -107 to 86
-        default=None,
     )
     north_km: float = key("Shift of a whole route to the north.", ANY, default=0.0)
     east_km: float = key("Shift of a whole route to the east.", ANY, default=0.0)
@@ -459,15 +432,14 @@ class Path(Section):
     altitude_m: float = key(
         "Shift up of a whole route in latitude and longitude.", ANY, default=0.0
     )
-    speed_m_s: float | None = key(
-        "Speed along the legs between waypoints, for a file without times.", SPEED, default=None
+    speed_m_s: float | None = optional(
+        "Speed along the legs between waypoints, for a file without times.", SPEED
     )
-    icao24: str | None = key(
+    icao24: str | None = optional(
         "Address of the aircraft in a file of ADS-B state vectors with several aircraft.",
         Text("[0-9A-Fa-f]{6}", "6 digits 0 to 9 and a to f"),
-        default=None,
     )
-    sha256: str | None = key(*_DIGEST, default=None)
+    sha256: str | None = optional(*_DIGEST)
 
 
 # The file.
@@ -493,14 +465,13 @@ class File(Section):
     radar: Radar | None = key("The radar.", Radar, one_of="radars")
     radars: tuple[NamedRadar, ...] | None = key(
         "Several radars in place of one, each with a name.",
-        list_of(NamedRadar, MAX_RADARS, "one radar or more, each with a name"),
+        list_of(section(NamedRadar), "one radar or more, each with a name", 1, MAX_RADARS),
         one_of="radars",
     )
-    types: Types | None = key(
+    types: Types | None = optional(
         "Standard deviations by parameter of a data sheet that the radars of a type share, by type "
         "and level.",
         _TYPES,
-        default=None,
     )
     aircraft: Aircraft = key("RCS and attitude of the aircraft.", Aircraft)
     geometry: Orbit | Radial | Path = key(

@@ -16,28 +16,20 @@ import math
 import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, describe, did_you_mean
 from radar_sense.limits import Limit
-from radar_sense.scenario_file.text_file import (
-    MAX_LETTERS,
-    NUMBER,
-    FileError,
-    TextFile,
-    number,
-    open_text,
-)
+from radar_sense.scenario_file.text_file import MAX_LETTERS, NUMBER, FileError, TextFile, number
 from radar_sense.states import FloatArray
 
-#: Most rows. A million rows of 28 numbers with 17 digits each are 0.7 GB.
-MAX_ROWS, MAX_BYTES = 1_000_000, 2**30
+#: Most rows.
+MAX_ROWS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -48,11 +40,6 @@ class Column:
     unit: float = 1.0
 
 
-def open_data(path: str | Path, kind: str) -> AbstractContextManager[TextFile]:
-    """Open a file of data, with the arguments and errors of `open_text`."""
-    return open_text(path, kind, MAX_BYTES)
-
-
 class TableFile:
     """An open CSV file.
 
@@ -60,7 +47,10 @@ class TableFile:
         source: Name of the file in errors.
         line: Line of the names of the columns.
         names: Names of the columns; none in an empty file.
+        lines: Line of each row that `numbers` has read.
     """
+
+    lines: NDArray[np.int64]
 
     def __init__(self, file: TextFile) -> None:
         self._file, self.source = file, file.source
@@ -138,8 +128,8 @@ class TableFile:
         if count == MAX_ROWS:
             raise self.error(f"has more than {MAX_ROWS:,} rows", line)
 
-    def numbers(self, columns: Mapping[str, Column]) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Return the numbers (rows, columns) in the units of the file, and their lines (rows,).
+    def numbers(self, columns: Mapping[str, Column]) -> FloatArray:
+        """Return the numbers (rows, columns) in the units of the file.
 
         Raises:
             InputError: As `rows`, or if there are no rows or too many, or if a cell is no number
@@ -161,7 +151,8 @@ class TableFile:
         for row, column in np.argwhere(~((rows >= low) & (rows <= high)))[:1]:
             cell = repr(float(rows[row, column])).removesuffix(".0")
             self.number(cell, limits[column], self.names[column], lines[row])
-        return rows, np.frombuffer(lines, dtype=np.int64)
+        self.lines = np.frombuffer(lines, dtype=np.int64)
+        return rows
 
     def _rows(self, count: int) -> Iterator[tuple[int, list[str]]]:
         """Yield line and cells of each row that is not empty, without empty cells after `count`."""

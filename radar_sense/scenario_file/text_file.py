@@ -14,6 +14,8 @@ from typing import BinaryIO
 from radar_sense.errors import InputError, describe, did_you_mean, reason
 from radar_sense.limits import Limit
 
+#: Largest file of data. A million rows of 28 numbers with 17 digits each are 0.7 GB.
+MAX_BYTES = 2**30
 #: Longest line [bytes]. The longest line that a program writes has 28 numbers, under 1 KiB.
 MAX_LINE = 2**16
 #: Most letters of a number: more than five times the digits of a float.
@@ -82,8 +84,8 @@ class TextFile:
 
 
 @contextmanager
-def open_text(path: str | Path, kind: str, most_bytes: int) -> Iterator[TextFile]:
-    """Open a regular file. Its kind is what it should be, for errors.
+def open_text(path: str | Path, kind: str, most_bytes: int | None = None) -> Iterator[TextFile]:
+    """Open a regular file, of `MAX_BYTES` at most. Its kind is what it should be, for errors.
 
     Raises:
         InputError: If the path is not text or a `Path`, or if the file cannot be read, or is a
@@ -95,7 +97,7 @@ def open_text(path: str | Path, kind: str, most_bytes: int) -> Iterator[TextFile
         with open(path, "rb", opener=_without_blocking) as binary:
             if not stat.S_ISREG(os.fstat(binary.fileno()).st_mode):
                 raise FileError(f"{path}: is not a regular file, {kind} must be one")
-            yield TextFile(binary, str(path), most_bytes)
+            yield TextFile(binary, str(path), most_bytes or MAX_BYTES)
     except IsADirectoryError as error:
         raise FileError(f"{path}: is a directory, not {kind}") from error
     except InputError:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, NoReturn
 from xml.parsers import expat
@@ -88,8 +88,7 @@ def read_gpx(file: TextFile) -> Track:
     file.most_bytes, reader = _GPX_BYTES, _GpxReader(file.source)
     while data := file.read(_PIECE):
         reader.feed(data)
-    points = reader.close()
-    rows = np.frombuffer(points.numbers).reshape(-1, 5)
+    rows = np.frombuffer(reader.close()).reshape(-1, 5)
     lines, time = rows[:, 0].astype(np.int64), rows[:, 4]
     if not len(rows):
         raise InputError(f"{file.source}: has no points")
@@ -107,21 +106,6 @@ def read_gpx(file: TextFile) -> Track:
     )
 
 
-@dataclass
-class _Points:
-    """The points of the tracks or of the routes of a file.
-
-    Attributes:
-        count: Number of tracks or routes.
-        numbers: Line, latitude, longitude [deg], elevation [m] and time [s] of each point.
-        problem: The first error in a point.
-    """
-
-    count: int = 0
-    numbers: array[float] = field(default_factory=lambda: array("d"))
-    problem: InputError | None = None
-
-
 class _GpxReader:
     """A parser of GPX that keeps the numbers of the points only.
 
@@ -131,7 +115,11 @@ class _GpxReader:
 
     def __init__(self, source: str) -> None:
         self._source, self._size = source, 0
-        self._points = {"trk": _Points(), "rte": _Points()}
+        #: The number of tracks and of routes. Line, latitude, longitude [deg], elevation [m] and
+        #: time [s] of each point of these, and the first error in a point.
+        self._count = {"trk": 0, "rte": 0}
+        self._points = {kind: array("d") for kind in self._count}
+        self._problems: dict[str, InputError] = {}
         #: Names of the open elements; "" of another namespace.
         self._path: tuple[str, ...] = ()
         #: Line of the point that is open, its texts by name, and the text of its open element.
@@ -156,20 +144,17 @@ class _GpxReader:
         if self._size - parser.CurrentByteIndex > _PIECE + _LONGEST:
             raise self._error(f"has an element, an attribute or a comment over {_LONGEST} bytes")
 
-    def close(self) -> _Points:
-        """Return the points of the one track, or of the one route."""
+    def close(self) -> array[float]:
+        """Return the numbers of the points of the one track, or of the one route."""
         self.feed(b"", last=True)
-        tracks, routes = self._points.values()
-        if tracks.count != 1 and (tracks.count, routes.count) != (0, 1):
-            raise self._error(
-                f"must have one track or one route, got {counted(tracks.count, 'track')} and "
-                f"{counted(routes.count, 'route')}",
-                1,
-            )
-        points = tracks if tracks.count else routes
-        if points.problem is not None:
-            raise points.problem
-        return points
+        tracks, routes = self._count.values()
+        if tracks != 1 and (tracks, routes) != (0, 1):
+            both = f"{counted(tracks, 'track')} and {counted(routes, 'route')}"
+            raise self._error(f"must have one track or one route, got {both}", 1)
+        kind = "trk" if tracks else "rte"
+        if kind in self._problems:
+            raise self._problems[kind]
+        return self._points[kind]
 
     def _error(self, message: str, line: int | None = None) -> InputError:
         return InputError(f"{self._source}:{line or self._parser.CurrentLineNumber}: {message}")
@@ -192,8 +177,8 @@ class _GpxReader:
         if self._path in _POINTS:
             self._text = ""
         self._path = *self._path, name if space == _GPX else ""
-        if len(self._path) == 2 and self._path[1] in self._points:
-            self._points[name].count += 1
+        if len(self._path) == 2 and self._path[1] in self._count:
+            self._count[name] += 1
         elif self._path in _POINTS:
             self._line, self._texts = self._parser.CurrentLineNumber, dict(attributes)
 
@@ -203,15 +188,15 @@ class _GpxReader:
     def _end(self, _: str) -> None:
         *outer, name = self._path
         if self._path in _POINTS:
-            self._add(self._points[_POINTS[self._path]])
+            self._add(_POINTS[self._path])
         elif tuple(outer) in _POINTS and name in ("ele", "time"):
             self._texts.setdefault(name, self._text)
         self._path = tuple(outer)
 
-    def _add(self, points: _Points) -> None:
-        if len(points.numbers) == 5 * MAX_ROWS:
+    def _add(self, kind: str) -> None:
+        if len(self._points[kind]) == 5 * MAX_ROWS:
             raise self._error(f"has more than {MAX_ROWS:,} points", self._line)
-        if points.problem is not None:
+        if kind in self._problems:
             return
         place, texts = f"{self._source}:{self._line}", self._texts
         try:
@@ -222,9 +207,9 @@ class _GpxReader:
             time = texts.get("time")
             row.append(np.nan if time is None else _seconds(f"{place}: time", time.strip()))
         except InputError as error:
-            points.problem = error
+            self._problems[kind] = error
         else:
-            points.numbers.extend([self._line, *row])
+            self._points[kind].extend([self._line, *row])
 
 
 def _seconds(place: str, text: str) -> float:

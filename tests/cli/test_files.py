@@ -284,6 +284,14 @@ def test_an_input_is_never_overwritten(tool, which):
     assert tool("budget", config, "--out", "elsewhere", *fast).code == 0
 
 
+def test_a_level_may_have_the_name_of_a_key(tool):
+    from radar_sense.scenario_file.load import default_text
+
+    text = default_text().replace("    high:", "    file:").replace("level: high", "level: file")
+    Path("my.yaml").write_text(text)
+    assert tool("sensitivity", "my.yaml", "--no-plot", "--set", "analysis.level=file").code == 0
+
+
 def test_paths_that_are_not_utf_8(tool):
     """29.3: a name of any bytes is read, recorded and printed."""
     from radar_sense.scenario_file.load import default_text

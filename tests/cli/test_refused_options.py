@@ -92,6 +92,7 @@ REFUSED = {
     "sweep radar.constnt 100 200 50": "unknown key 'constnt'",
     "sweep radar.constant 0 200 50": "radar.constant=0: radar.constant: must be",
     "sweep radar.constant 100 200 0": "step must be a step other than 0 that leads from 100 to 200",
+    "sweep radar.constant 100 200 50 --k -5": "and not greater than 10, got '-5'\n",
     "sweep radar.constant 200 100 25": "from 200 to 100, got 25; did you mean -25?",
     "variance --set radar.gain_dbi=30": "; it is a key of tracking\n",
     "variance --set p_fa=1e-5": "; it is a key of radar, radars\n",

@@ -28,6 +28,7 @@ from radar_sense.scenario_file.declare import (
     numbers,
     or_section,
     read,
+    section,
     write,
     yes_no,
 )
@@ -62,7 +63,7 @@ class Cart:
     place_m: Any = key("Place.", numbers(2), default=None)
     std_m: Any = key("Deviations.", deviations(2), unless=("covariance",))
     covariance: Any = key("Covariance.", matrix(2), default=None, instead_of=("std_m",))
-    wheels: Any = key("Wheels.", list_of(Wheel, 2, "one wheel or more"), default=None)
+    wheels: Any = key("Wheels.", list_of(section(Wheel), "one wheel or more", 1, 2), default=None)
     spare: Wheel | None = key("Spare wheel.", Wheel, default=None)
     runs_on: Any = key(
         "What it runs on.",

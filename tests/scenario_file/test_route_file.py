@@ -31,7 +31,7 @@ from radar_sense.covariance import problem
 from radar_sense.model import geodesy as wgs84
 from radar_sense.model.track import covariance_in_frame
 from radar_sense.model.trajectory import resample
-from radar_sense.scenario_file import table_file
+from radar_sense.scenario_file import table_file, text_file
 
 G = 9.80665
 SIMPLE = f"{HEAD}\n0,0,0,-1000\n1,100,0,-1000\n2,200,0,-1000\n"
@@ -320,6 +320,6 @@ def test_too_many_rows_and_too_large_a_file(monkeypatch):
     assert len(load(SIMPLE).time_s) == 3
     with refused("route.csv:6: has more than 3 rows"):
         load("\n" + SIMPLE + "3,300,0,0\n")
-    monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
+    monkeypatch.setattr(text_file, "MAX_BYTES", 2**20)
     with refused("is larger than 1 MiB"):
         load(SIMPLE + f"#{'x' * 2**15}\n" * 32)

@@ -79,6 +79,12 @@ def test_mistakes_fail_the_schema_and_are_refused(mistake):
     assert judged(text) == (True, True)
 
 
+def test_a_word_in_quotes_is_the_word():
+    text = yaml.safe_dump(document(PAPER, radar__horizon="true"), sort_keys=False)
+    assert "'true'" in text
+    assert judged(text) == (False, False)
+
+
 def test_a_newcomer_is_in_the_schema(monkeypatch):
     @dataclasses.dataclass(frozen=True)
     class Cube:
