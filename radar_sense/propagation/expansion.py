@@ -43,9 +43,6 @@ from radar_sense.uncertain_states import UncertainStates
 #: several radars is differentiated at the nominal states.
 STEP = 0.5
 
-_ATTITUDE = slice(0, 3)  # in the relative states
-_RADARS = slice(3, None)
-
 
 @dataclass(frozen=True, eq=False)
 class SecondOrder:
@@ -244,7 +241,8 @@ class StandardNormalSpace:
 def _to_relative(radars: int) -> FloatArray:
     """Return the matrix (3 + 7m, 6) from errors of the aircraft to errors of relative states."""
     matrix = np.zeros((3 + len(RADAR_AND_ERRORS) * radars, len(AIRCRAFT)))
-    matrix[_ATTITUDE, ATTITUDE] = np.eye(3)
+    of_attitude, of_radars = matrix[:3], matrix[3:]
+    of_attitude[:, ATTITUDE] = np.eye(3)
     for i in range(radars):
-        matrix[_RADARS][of_radar(i, POSITION), POSITION] = -np.eye(3)
+        of_radars[of_radar(i, POSITION), POSITION] = -np.eye(3)
     return matrix
