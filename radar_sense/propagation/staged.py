@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +56,7 @@ class StagedDraws:
         rows = np.arange(k) if rows is None else rows
         drawn = Estimate.constant(k, np.nan)
         if self._given is None:
-            self._draw(drawn, rows, self._draws_at_first[rows])
+            self._draw(drawn, rows, draws_at_first(self.states)[rows])
         else:
             drawn.put(rows, self._given.at(rows))
         while rows.size:
@@ -67,10 +66,6 @@ class StagedDraws:
             self._draw(drawn, rows, GROWTH * drawn.draws[rows].astype(int))
         report("poses looked at by draws", k, k)
         return drawn
-
-    @cached_property
-    def _draws_at_first(self) -> NDArray[np.intp]:
-        return draws_at_first(self.states)
 
     def _draw(self, drawn: Estimate, rows: NDArray[np.intp], draws: NDArray[np.intp]) -> None:
         """Overwrite what is drawn at some poses (j,) by these numbers of draws (j,)."""
