@@ -235,10 +235,8 @@ def survey(all_rays: Rays) -> Survey:
     shape = len(all_rays.bearing), len(distance)
     p_d, visible = np.empty(shape), np.empty(shape, dtype=bool)
     for block in slices(len(p_d), max(1, BLOCK // len(distance))):
-        rays, radar = all_rays.part(block), all_rays.scenario.radar
-        states = rays.states(np.broadcast_to(distance, (len(rays.bearing), len(distance))))
-        p_d[block] = rays.scenario.model.p_d(states, radar)
-        visible[block] = rays.limited.model.visible(states, radar)[..., 0]
+        rays, samples = all_rays.part(block), np.broadcast_to(distance, p_d[block].shape)
+        p_d[block], visible[block] = rays.p_d(samples), rays.visible(samples)
     return Survey(all_rays, distance, p_d, visible)
 
 

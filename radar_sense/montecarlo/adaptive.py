@@ -119,13 +119,12 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
     evaluations = most * len(states.model.radars) * EMPHASIS
     less = "fewer --digits" if digits > 1 else "fewer poses"
     foresee(f"{most:,.0f} draws of P_D", evaluations, less=less)
-    report("poses", n - len(rows), n)
     while rows.size and count < MOST_DRAWS:
+        report("poses", n - len(rows), n)
         count = min(GROWTH * count, MOST_DRAWS)
         drawn[:, rows], error[:, rows] = draw_in_parts(states.at(rows), count, beta)
         draws[rows] = count  # the verdict has these arrays
         rows = np.flatnonzero(verdict.undecided)
-        report("poses", n - len(rows), n)
     report("poses", n, n)
     return verdict
 

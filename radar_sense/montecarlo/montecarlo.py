@@ -153,9 +153,16 @@ def monte_carlo(
     """
     check_scenario(scenario)
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
-    tail = float(ndtr(-check_number("k", k, SIGMAS)))
-    _require_possible(scenario, sampler, workers, executor, tail)
     poses, runs, states = len(scenario.aircraft), scenario.runs, scenario.states()
+    tail = float(ndtr(-check_number("k", k, SIGMAS)))
+    check_number("workers", workers, WORKERS)
+    if not isinstance(executor, Executor | None):
+        raise InputError(f"executor must be an Executor, got {describe(executor)}")
+    check_sampler(sampler, runs)
+    total, all_inside, all_clipped, paths = Statistics(poses, runs, tail), np.zeros(poses), 0, []
+    radars = len(scenario.radars)
+    what = f"{runs:,} runs of {poses:,} poses and {counted(radars, 'radar')}"
+    foresee(what, float(runs) * poses * radars, less="fewer --runs", workers=workers)
     drawing, band = Sampler(states), propagate_scenario(scenario, method=method, beta=k)
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
@@ -165,7 +172,6 @@ def monte_carlo(
     lower, upper = band.lower - slack, band.upper + slack
 
     draw = partial(_draw, drawing, source, runs, shown, (lower, upper), tail)
-    total, all_inside, all_clipped, paths = Statistics(poses, runs, tail), np.zeros(poses), 0, []
     blocks = math.ceil(runs / runs_per_block)
     for statistics, inside, of_block, sample_paths in in_order(draw, blocks, workers, executor):
         total.merge(statistics)
@@ -204,17 +210,3 @@ def _draw(
     statistics.add(p_d)
     inside = np.count_nonzero((p_d >= band[0]) & (p_d <= band[1]), axis=0)
     return statistics, inside, of_block, p_d[: max(0, shown - block * source.runs)].copy()
-
-
-def _require_possible(
-    scenario: Scenario, sampler: str, workers: int, executor: Executor | None, tail: float
-) -> None:
-    """Raise InputError if sampler, workers, executor, time or memory do not allow the draws."""
-    poses, runs, radars = len(scenario.aircraft), scenario.runs, len(scenario.radars)
-    check_number("workers", workers, WORKERS)
-    if not isinstance(executor, Executor | None):
-        raise InputError(f"executor must be an Executor, got {describe(executor)}")
-    check_sampler(sampler, runs)
-    Statistics(poses, runs, tail)
-    what = f"{runs:,} runs of {poses:,} poses and {counted(radars, 'radar')}"
-    foresee(what, float(runs) * poses * radars, less="fewer --runs", workers=workers)

@@ -34,7 +34,7 @@ class Source:
         seed: Seed of all blocks.
         runs: Runs of a block.
         poses: Number of poses n.
-        radar: Number of unit normals of a radar state, m.
+        radar: Number of unit normals of the radars, m.
     """
 
     seed: int
@@ -62,12 +62,11 @@ class Random(Source):
 class Sobol(Source):
     """Unit normals from a scrambled Sobol' sequence in the dimensions of all states.
 
-    The sequence has ten dimensions for one radar, and four more for each further radar. Each
-    parameter of a radar constant beyond the first adds one dimension. All poses share the draws of
-    the radar. The draws of the aircraft have a different digital shift at each pose, an
-    exclusive-or with random bits. A digital shift keeps the evenness of a Sobol' sequence (P.
-    L'Ecuyer and C. Lemieux, "Recent advances in randomized quasi-Monte Carlo methods", 2002). The
-    errors differ from pose to pose.
+    The sequence has a dimension for each unit normal of the radars, and six for the aircraft. All
+    poses share the draws of the radar. The draws of the aircraft have a different digital shift at
+    each pose, an exclusive-or with random bits, so that the errors differ from pose to pose. A
+    digital shift keeps the evenness of a Sobol' sequence (P. L'Ecuyer and C. Lemieux, "Recent
+    advances in randomized quasi-Monte Carlo methods", 2002).
 
     Statistics of one pose are valid. Joint statistics of two poses are not valid: the aircraft's
     draws at two poses are shifts of each other, and not independent. Over many seeds the

@@ -145,9 +145,9 @@ class Automatic(Distribution):
         """Return the standard error of the bounds at ±β (k,), 0 where they are by FORM."""
         return self._band(abs(beta))[2]
 
-    def drawn(self, beta: float) -> Estimate:
-        """Return what the draws say that judge the bounds at ±β."""
-        return self._band(abs(beta))[3]
+    def drawn(self, beta: float) -> Estimate | None:
+        """Return what the draws say that judge the bounds at ±β; None without p_max."""
+        return None if np.isnan(self.p_max) else self._band(abs(beta))[3]
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) by draws."""

@@ -194,21 +194,15 @@ class _Strata:
         return error
 
     def share(self, inside: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-        """Return the weight of the draws that are inside (k, n), and its standard error (k,)."""
-        share = np.minimum(np.sum(self.weights, axis=1, where=inside), 1.0)  # but for rounding
-        return share, self.error_of_share(inside)
-
-    def error_of_share(self, inside: NDArray[np.bool_]) -> FloatArray:
-        """Return the standard error (k,) of the weight of the draws that are inside (k, n).
+        """Return the weight of the draws that are inside (k, n), and its standard error (k,).
 
         That all draws of a stratum are inside, or none, may be chance. The greatest weight on the
         rarer side stands for this.
         """
-        share = np.sum(self.weights, axis=1, where=inside)
+        share = np.minimum(np.sum(self.weights, axis=1, where=inside), 1.0)  # but for rounding
         rarer = inside != (share > 0.5)[:, np.newaxis]
         heaviest = np.max(self.weights, axis=1, where=rarer, initial=0.0)
-        error: FloatArray = np.hypot(self.error(inside.astype(float)), heaviest)
-        return error
+        return share, np.hypot(self.error(inside.astype(float)), heaviest)
 
     def _sum(self, values: FloatArray) -> FloatArray:
         """Return the sums (k, s) of values (k, n) in the strata."""
@@ -268,6 +262,6 @@ def _quantile(
     index = first(tail)
     quantile, counted = at(index), np.empty(values.shape, dtype=bool)
     np.put_along_axis(counted, order, number <= index, axis=1)  # of equal values, some
-    error = strata.error_of_share(counted)[:, np.newaxis]
+    error = strata.share(counted)[1][:, np.newaxis]
     beside = (abs(at(first(tail + away * error)) - quantile) for away in (-3.0, 3.0))
     return quantile[:, 0], np.maximum(*beside)[:, 0] / 3.0

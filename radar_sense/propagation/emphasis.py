@@ -29,9 +29,7 @@ from typing import TypeAlias
 import numpy as np
 
 from radar_sense.limits import MIN_RANGE
-from radar_sense.model.antenna import Mask
 from radar_sense.model.geometry import Attitude, Vector, radar_from_aircraft, slant_range
-from radar_sense.model.horizon import Horizon
 from radar_sense.states import (
     AIRCRAFT,
     CONSTANT,
@@ -163,15 +161,11 @@ def _centres(states: UncertainStates, beta: float) -> tuple[list[FloatArray], li
             rising.append(_approach(states, -beta, i))
         if radar.max_range < math.inf:
             falling.append(_approach(states, -beta, i))
-        by_height: list[Gradient] = []
-        if radar.horizon is not None:
-            by_height.append(partial(_of_horizon, number=i, horizon=radar.horizon))
-        if radar.mask is not None:
-            by_height.append(partial(_of_mask, number=i, mask=radar.mask))
-        for gradient in by_height:
-            above, below = _extremes(states, both, gradient)
-            rising.append(above)
-            falling.append(below)
+        for limit, gradient in ((radar.horizon, _of_horizon), (radar.mask, _of_mask)):
+            if limit is not None:
+                above, below = _extremes(states, both, partial(gradient, number=i))
+                rising.append(above)
+                falling.append(below)
     return rising, falling
 
 
@@ -246,30 +240,28 @@ def _of_radar(
 
 
 def _of_horizon(
-    states: UncertainStates,
-    aircraft: FloatArray,
-    radar: FloatArray,
-    number: int,
-    horizon: Horizon,
+    states: UncertainStates, aircraft: FloatArray, radar: FloatArray, number: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gradient of √h + √h', of the heights of the aircraft and of a radar.
 
     A height is `MIN_RANGE` at least, so that the gradient is finite.
     """
+    horizon, own = states.model.radars[number].horizon, of_radar(number, POSITION)
+    assert horizon is not None
 
     def by_down(position: FloatArray) -> FloatArray:
         return -0.5 / np.sqrt(np.maximum(horizon.height(position), MIN_RANGE))
 
-    own = of_radar(number, POSITION)
     of_aircraft = DOWN, by_down(aircraft[:, POSITION])
     return _gradient(states, of_aircraft, (own.start + DOWN, by_down(radar[:, own])))
 
 
 def _of_mask(
-    states: UncertainStates, aircraft: FloatArray, radar: FloatArray, number: int, mask: Mask
+    states: UncertainStates, aircraft: FloatArray, radar: FloatArray, number: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gradient of the clearance above a mask, by central differences."""
-    position = of_radar(number, POSITION)
+    mask, position = states.model.radars[number].mask, of_radar(number, POSITION)
+    assert mask is not None
     own, by_position = radar[:, position], np.empty((len(states), 3))
     step = DIFFERENCE * slant_range(aircraft, own)[:, np.newaxis]
     for i, axis in enumerate(np.eye(len(AIRCRAFT))[POSITION]):

@@ -43,9 +43,6 @@ from radar_sense.uncertain_states import UncertainStates
 #: several radars is differentiated at the nominal states.
 STEP = 0.5
 
-_ATTITUDE = slice(0, 3)  # in the relative states
-_RADARS = slice(3, None)
-
 
 @dataclass(frozen=True, eq=False)
 class SecondOrder:
@@ -65,8 +62,6 @@ class SecondOrder:
 
     def of(self, components: NDArray[np.intp]) -> SecondOrder:
         """Return the expansion in some of the components, the others certain."""
-        if len(components) == len(self.components):
-            return self
         own = np.searchsorted(self.components, components)
         matrix = self.matrix[own[:, np.newaxis], own]
         return SecondOrder(components, self.value, self.gradient[own], matrix)
@@ -129,33 +124,24 @@ class RelativeProbit:
 
         The gradient by a component without uncertainty is 0, also where it is undefined.
         """
-        aircraft, radar, growth = self._shifted(error, pose)
-        value, by_aircraft, by_radar = self.states.model.extrapolated_probit(
-            aircraft, radar, self.visible[pose]
+        states, which = self.states, self.states.log_constants
+        shifted = np.concatenate([states.aircraft.T[:, pose], states.radar.T[:, pose]])
+        aircraft, radar = np.split(shifted, [len(AIRCRAFT)])
+        constants = radar[which]  # a copy
+        # the position of the aircraft stays nominal, and the radars have all errors of position
+        shifted[len(AIRCRAFT) - 3 + self.components] += error
+        growth = np.exp(np.minimum(radar[which] / constants - 1.0, MOST_NEPERS))  # ∂c_r/∂Δ
+        radar[which] = constants * growth
+        value, by_aircraft, by_radar = states.model.extrapolated_probit(
+            aircraft.T, radar.T, self.visible[pose]
         )
         by_all = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T))
-        by_all[3 + self.states.log_constants] *= growth
+        by_all[3 + which] *= growth
         gradient = by_all[self.components]
         uncertain = self.std > 0
         if not uncertain.all():
             gradient = np.where(uncertain[:, pose], gradient, 0.0)
         return value, gradient
-
-    def _shifted(
-        self, error: FloatArray, pose: NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return states (j, 6) and (j, 7m) with errors (n, j), and ∂c_r/∂Δ of the `log_constants`.
-
-        The position of the aircraft stays nominal, and the radars have all errors of position.
-        """
-        states, which = self.states, self.states.log_constants
-        shifted = np.concatenate([states.aircraft.T[:, pose], states.radar.T[:, pose]])
-        aircraft, radar = np.split(shifted, [len(AIRCRAFT)])
-        constants = radar[which]  # a copy
-        shifted[len(AIRCRAFT) - 3 + self.components] += error
-        growth = np.exp(np.minimum(radar[which] / constants - 1.0, MOST_NEPERS))
-        radar[which] = constants * growth
-        return aircraft.T, radar.T, growth
 
     def derivatives(self) -> SecondOrder:
         """Return the expansion of z about y = 0.
@@ -244,7 +230,8 @@ class StandardNormalSpace:
 def _to_relative(radars: int) -> FloatArray:
     """Return the matrix (3 + 7m, 6) from errors of the aircraft to errors of relative states."""
     matrix = np.zeros((3 + len(RADAR_AND_ERRORS) * radars, len(AIRCRAFT)))
-    matrix[_ATTITUDE, ATTITUDE] = np.eye(3)
+    of_attitude, of_radars = matrix[:3], matrix[3:]
+    of_attitude[:, ATTITUDE] = np.eye(3)
     for i in range(radars):
-        matrix[_RADARS][of_radar(i, POSITION), POSITION] = -np.eye(3)
+        of_radars[of_radar(i, POSITION), POSITION] = -np.eye(3)
     return matrix

@@ -69,12 +69,24 @@ class Form(Distribution):
         return np.asarray(ndtr(np.maximum(z[0], floor)))
 
     def exceedance(self, p_max: float) -> FloatArray:
-        """Return P(P_D > p_max) (k,), which is Φ(−β) for the β whose quantile of P_D is p_max."""
-        z, floor, _ = self._quantiles(EXCEEDANCE_NODES)
-        z_max = float(ndtri(p_max))
-        probability = _exceedance(EXCEEDANCE_NODES, np.nan_to_num(z), z_max)
-        probability = np.where(z_max < floor, 1.0, probability)  # a floor comes after the spline
-        return np.where(np.isnan(z[0]), np.nan, probability)
+        """Return P(P_D > p_max) (k,), which is Φ(−β) for the β whose quantile of P_D is p_max.
+
+        β is interpolated by a cubic spline, and extrapolated linearly.
+        """
+        quantiles_of_z, floor, _ = self._quantiles(EXCEEDANCE_NODES)
+        z, z_max = np.nan_to_num(quantiles_of_z), float(ndtri(p_max))
+        ends = EXCEEDANCE_NODES[0], EXCEEDANCE_NODES[-1]
+        fine = np.linspace(*ends, EXCEEDANCE_STEPS * (len(z) - 1) + 1)
+        curve = np.maximum.accumulate(_along(_spline(EXCEEDANCE_NODES, fine), z), axis=0)
+        left = np.clip(np.count_nonzero(curve <= z_max, axis=0) - 1, 0, len(fine) - 2)
+        pose = np.arange(z.shape[1])
+        low, high = curve[left, pose], curve[left + 1, pose]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            beta = fine[left] + (z_max - low) / (high - low) * (fine[1] - fine[0])
+        flat = high == low  # z does not change with β
+        beta = np.where(flat, np.where(z_max < low, -np.inf, np.inf), beta)
+        probability = np.where(z_max < floor, 1.0, ndtr(-beta))  # a floor comes after the spline
+        return np.where(np.isnan(quantiles_of_z[0]), np.nan, probability)
 
     def with_covariances(self, changed: UncertainStates) -> Form:
         """Return the method for the same states with other covariances, at less cost."""
@@ -113,25 +125,22 @@ class Form(Distribution):
 
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation of P_D (k,)."""
-        return _moments(*self._at_nodes)
+        """Mean and standard deviation of P_D (k,).
 
-
-def _exceedance(betas: FloatArray, z: FloatArray, z_max: float) -> FloatArray:
-    """Return P(z > z_max) (k,) from quantiles of z (n, k) at Φ(β) for increasing β (n,).
-
-    β is interpolated by a cubic spline, and extrapolated linearly.
-    """
-    fine = np.linspace(betas[0], betas[-1], EXCEEDANCE_STEPS * (len(betas) - 1) + 1)
-    curve = np.maximum.accumulate(_along(_spline(betas, fine), z), axis=0)
-    left = np.clip(np.count_nonzero(curve <= z_max, axis=0) - 1, 0, len(fine) - 2)
-    pose = np.arange(z.shape[1])
-    low, high = curve[left, pose], curve[left + 1, pose]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        beta = fine[left] + (z_max - low) / (high - low) * (fine[1] - fine[0])
-    flat = high == low  # z does not change with β
-    beta = np.where(flat, np.where(z_max < low, -np.inf, np.inf), beta)
-    return np.asarray(ndtr(-beta))
+        P_D increases with z: the quantiles of z at Φ(β) give the quantiles of P_D at Φ(β). Mean and
+        variance are integrals over the normal distribution of β. The lesser of P_D and 1 − P_D is
+        integrated, about its median. A small deviation beside P_D ≈ 1 is then not lost.
+        """
+        z, floor, nominal = self._at_nodes
+        weights, spline = _integration()
+        side = np.where(nominal > 0, -1.0, 1.0)
+        lesser = ndtr(side * np.maximum(_along(spline, z), floor))
+        median = lesser[len(lesser) // 2].copy()
+        lesser -= median
+        drift = weights @ lesser
+        lesser -= drift
+        mean = median + drift
+        return np.where(nominal > 0, 1.0 - mean, mean), np.sqrt(weights @ np.square(lesser))
 
 
 def quantiles(space: StandardNormalSpace, betas: FloatArray) -> FloatArray:
@@ -322,27 +331,6 @@ def _beta_at(
     beta = np.where(near, r + k3 / 6.0 / k2**1.5, beta)
     slope = np.where(near | ~(slope > 0), np.sqrt(k2), slope)
     return beta, slope * scale * scale, k1
-
-
-def _moments(
-    z: FloatArray, floor: FloatArray, nominal: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and σ of P_D (k,) from quantiles of z (n, k) at `NODES`.
-
-    P_D increases with z: the quantiles of z at Φ(β) give the quantiles of P_D at Φ(β). Mean and
-    variance are integrals over the normal distribution of β. The lesser of P_D and 1 − P_D is
-    integrated, about its median. A small deviation beside P_D ≈ 1 is then not lost.
-    """
-    weights, spline = _integration()
-    side = np.where(nominal > 0, -1.0, 1.0)
-    lesser = ndtr(side * np.maximum(_along(spline, z), floor))
-    median = lesser[len(lesser) // 2].copy()
-    lesser -= median
-    drift = weights @ lesser
-    lesser -= drift
-    mean = median + drift
-    std = np.sqrt(weights @ np.square(lesser))
-    return np.where(nominal > 0, 1.0 - mean, mean), std
 
 
 @cache

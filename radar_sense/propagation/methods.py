@@ -61,17 +61,13 @@ class Band:
     def of(cls, found: Distribution, beta: float) -> Self:
         """Return the values of a distribution, with bounds at Φ(−β) and Φ(β)."""
         lower, upper = found.quantile(-beta), found.quantile(beta)
-        error, drawn = found.error(beta), None
-        if isinstance(found, Automatic) and not np.isnan(found.p_max):
-            drawn = found.drawn(beta)
+        error, drawn = found.error(beta), found.drawn(beta)
         return cls(p_d=found.p_d, lower=lower, upper=upper, error=error, drawn=drawn)
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
         """Return the values at the poses of all parts, one part after the other."""
-        if len(parts) == 1:
-            return parts[0]
-        names = [f.name for f in fields(cls) if f.name != "drawn"]
+        names = [f.name for f in fields(cls) if f.name != "drawn"]  # a part may be `Moments`
         arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         drawn = [part.drawn for part in parts if part.drawn is not None]
         known = len(drawn) == len(parts)

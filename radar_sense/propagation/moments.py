@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtr
 
+from radar_sense.propagation.draws import Estimate
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
@@ -52,6 +53,9 @@ class Distribution:
     def error(self, beta: float) -> FloatArray:
         """Return the standard error of the quantiles at ±β (k,), 0 without draws."""
         return np.zeros(len(self.states))
+
+    def drawn(self, beta: float) -> Estimate | None:
+        """Return what draws say that judge the quantiles at ±β, None if none do."""
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,)."""

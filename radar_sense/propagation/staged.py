@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,31 +55,23 @@ class StagedDraws:
         k = len(self.states)
         rows = np.arange(k) if rows is None else rows
         drawn = Estimate.constant(k, np.nan)
-        drawn.put(rows, self._first(rows))
+        if self._given is None:
+            self._draw(drawn, rows, draws_at_first(self.states)[rows])
+        else:
+            drawn.put(rows, self._given.at(rows))
         while rows.size:
             rows = rows[~settled(rows, drawn.at(rows))]
             report("poses looked at by draws", k - rows.size, k)
             rows = rows[drawn.draws[rows] * GROWTH <= most]
-            more = GROWTH * drawn.draws[rows].astype(int)
-            for draws in np.unique(more):
-                some = rows[more == draws]
-                drawn.put(some, self._at(some, int(draws)))
+            self._draw(drawn, rows, GROWTH * drawn.draws[rows].astype(int))
         report("poses looked at by draws", k, k)
         return drawn
 
-    def _first(self, rows: NDArray[np.intp]) -> Estimate:
-        """Return what few draws say of P_D at some poses, more of them where the RCS has lobes."""
-        if self._given is not None:
-            return self._given.at(rows)
-        found, draws = Estimate.constant(len(rows), np.nan), self._draws_at_first[rows]
-        for number in np.unique(draws):
-            some = np.flatnonzero(draws == number)
-            found.put(some, self._at(rows[some], int(number)))
-        return found
-
-    @cached_property
-    def _draws_at_first(self) -> NDArray[np.intp]:
-        return draws_at_first(self.states)
+    def _draw(self, drawn: Estimate, rows: NDArray[np.intp], draws: NDArray[np.intp]) -> None:
+        """Overwrite what is drawn at some poses (j,) by these numbers of draws (j,)."""
+        for number in np.unique(draws).tolist():
+            some = rows[draws == number]
+            drawn.put(some, self._at(some, number))
 
     def _at(self, rows: NDArray[np.intp], draws: int) -> Estimate:
         """Return what this number of draws says at some poses, from before where it is known."""
