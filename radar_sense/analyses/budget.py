@@ -8,18 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import words
+from radar_sense import options, words
 from radar_sense.analyses.required import OPTIONS, required_accuracy
-from radar_sense.command import (
-    LEVEL,
-    METHOD,
-    NUMBER_OF_RUNS,
-    ONE_RADAR,
-    SEED_OF_DRAWS,
-    Figure,
-    Result,
-    command,
-)
+from radar_sense.command import Figure, Result, command
 from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
@@ -32,12 +23,12 @@ VISIBLE, MANY = 0.01, 6
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    replace(METHOD, help=f"{METHOD.help} montecarlo gives Sobol' indices."),
+    options.LEVEL,
+    options.ONE_RADAR,
+    replace(options.METHOD, help=f"{options.METHOD.help} montecarlo gives Sobol' indices."),
     *OPTIONS,
-    replace(NUMBER_OF_RUNS, help="Number of runs of --method montecarlo."),
-    SEED_OF_DRAWS,
+    replace(options.NUMBER_OF_RUNS, help="Number of runs of --method montecarlo."),
+    options.SEED_OF_DRAWS,
     examples=(
         "radar-sense budget",
         "radar-sense budget my.yaml --level low --no-plot",

@@ -7,17 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense.command import (
-    LEVEL,
-    ONE_RADAR,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
-    Axes,
-    Figure,
-    Option,
-    Result,
-    command,
-)
+from radar_sense import options
+from radar_sense.command import Axes, Figure, Option, Result, command
 from radar_sense.limits import Limit
 from radar_sense.montecarlo.convergence import (
     LARGEST_ERROR,
@@ -39,11 +30,11 @@ LIMIT = Limit(at_least=2, at_most=2**17, whole=True)
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
+    options.LEVEL,
+    options.ONE_RADAR,
     Option("runs", "Largest number of runs, rounded down to a power of two.", LIMIT),
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
+    options.SEED_OF_DRAWS,
+    options.WORKER_THREADS,
     examples=(
         "radar-sense convergence --runs 4096",
         "radar-sense convergence my.yaml --level high --runs 65536",

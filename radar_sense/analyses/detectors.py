@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from radar_sense import options
 from radar_sense.analyses.margin import OPTIONS, margin
-from radar_sense.analyses.verdict import K
-from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Axes, Figure, Result, Table, command
+from radar_sense.command import Axes, Figure, Result, Table, command
 from radar_sense.errors import InputError, counted
 from radar_sense.model.detectors import (
     DETECTORS,
@@ -41,11 +41,11 @@ REQUIRED = (0.5, 0.9)
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    METHOD,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD,
     *OPTIONS,
-    K,
+    options.K,
     examples=(
         "radar-sense detectors",
         "radar-sense detectors --p-d 0.9 --pulses 24",

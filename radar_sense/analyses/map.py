@@ -11,20 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from radar_sense import options
 from radar_sense.analyses.map_export import geojson
-from radar_sense.analyses.verdict import K
-from radar_sense.command import (
-    COURSE_DEG,
-    DOWN_KM,
-    LEVEL,
-    METHOD_BUT_DRAWS,
-    ONE_RADAR,
-    WORKER_THREADS,
-    Figure,
-    Option,
-    Result,
-    command,
-)
+from radar_sense.command import Figure, Option, Result, command
 from radar_sense.coverage.grid import (
     Grid,
     Plane,
@@ -61,13 +50,14 @@ AROUND = "around radars and path"
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
+    options.LEVEL,
+    options.ONE_RADAR,
     Option("upper", "Show the upper bound in place of P_D.", flag=True),
-    replace(K, help="Number of sigma of --upper."),
+    replace(options.K, help="Number of sigma of --upper."),
     replace(
-        METHOD_BUT_DRAWS,
-        help=f"For --upper. {METHOD_BUT_DRAWS.help} automatic is form, checked in some cells.",
+        options.METHOD_BUT_DRAWS,
+        help=f"For --upper. {options.METHOD_BUT_DRAWS.help} "
+        "automatic is form, checked in some cells.",
     ),
     Option(
         "north_km",
@@ -88,8 +78,8 @@ AROUND = "around radars and path"
     Option(
         "step_km", "Distance of cells.", MAP_STEP_KM, "KM", default_text="1/500 of the longer side"
     ),
-    DOWN_KM,
-    COURSE_DEG,
+    options.DOWN_KM,
+    options.COURSE_DEG,
     Option(
         "p_d",
         "P_D of a contour line; may be given several times.",
@@ -98,7 +88,7 @@ AROUND = "around radars and path"
         multiple=True,
     ),
     Option("worst_heading", "Show the largest P_D over all headings.", flag=True),
-    WORKER_THREADS,
+    options.WORKER_THREADS,
     examples=(
         "radar-sense map",
         "radar-sense map my.yaml --upper --method probit --step-km 5",

@@ -15,20 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from radar_sense import words
-from radar_sense.analyses.verdict import K
+from radar_sense import options, words
 from radar_sense.axis import Axis
-from radar_sense.command import (
-    LEVEL,
-    ONE_RADAR,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
-    Figure,
-    Option,
-    Result,
-    Table,
-    command,
-)
+from radar_sense.command import Figure, Option, Result, Table, command
 from radar_sense.cost import foresee
 from radar_sense.errors import InputError, counted
 from radar_sense.limits import RUNS, WINDOW, Limit
@@ -90,15 +79,15 @@ class Mission:
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
+    options.LEVEL,
+    options.ONE_RADAR,
     Option("track", "M N: a track is M detections in N looks in a row.", WINDOW, "M N", count=2),
     Option("m", "With --n: detections that start a track.", WINDOW),
     Option("n", "With --m: length of the window of consecutive looks, 12 at most.", WINDOW),
-    replace(K, help="Number of sigma of the band, 3 at most.", limit=REACHED),
+    replace(options.K, help="Number of sigma of the band, 3 at most.", limit=REACHED),
     Option("runs", "Also make this number of plain draws.", RUNS, default_text="none"),
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
+    options.SEED_OF_DRAWS,
+    options.WORKER_THREADS,
     examples=(
         "radar-sense mission my.yaml",
         "radar-sense mission my.yaml --track 3 5 --runs 10000",

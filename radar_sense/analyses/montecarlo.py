@@ -8,36 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense import words
-from radar_sense.analyses.verdict import K
-from radar_sense.command import (
-    DASK,
-    LEVEL,
-    METHOD_BUT_DRAWS,
-    NUMBER_OF_RUNS,
-    ONE_RADAR,
-    SAMPLER,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
-    Figure,
-    Result,
-    command,
-)
+from radar_sense import options, words
+from radar_sense.command import Figure, Result, command
 from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
 from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    METHOD_BUT_DRAWS,
-    K,
-    NUMBER_OF_RUNS,
-    SEED_OF_DRAWS,
-    SAMPLER,
-    WORKER_THREADS,
-    DASK,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD_BUT_DRAWS,
+    options.K,
+    options.NUMBER_OF_RUNS,
+    options.SEED_OF_DRAWS,
+    options.SAMPLER,
+    options.WORKER_THREADS,
+    options.DASK,
     examples=(
         "radar-sense montecarlo",
         "radar-sense montecarlo my.yaml --runs 1e6 --seed 7",

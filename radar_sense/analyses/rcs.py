@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense import options
 from radar_sense.axis import Axis
-from radar_sense.command import ONE_RADAR, Figure, Result, command
+from radar_sense.command import Figure, Result, command
 from radar_sense.errors import InputError
 from radar_sense.model.geometry import body_vector, elevation_of
 from radar_sense.model.rcs import RCS
@@ -45,7 +46,7 @@ def pattern(rcs: RCS, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> Flo
     return rcs.cross_section(directions(azimuth_deg, elevation_deg))
 
 
-@command(ONE_RADAR, examples=("radar-sense rcs", "radar-sense rcs my.yaml --format png"))
+@command(options.ONE_RADAR, examples=("radar-sense rcs", "radar-sense rcs my.yaml --format png"))
 def rcs(scenario: Scenario) -> Result:
     """The radar cross section by aspect: a polar cut and a map.
 

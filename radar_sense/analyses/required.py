@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense import words
+from radar_sense import options, words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.accuracy import P_D_ITSELF, RequiredAccuracy, required_accuracies
-from radar_sense.analyses.verdict import AT_LEAST, PROBABILITY, THRESHOLD, K, condition, requirement
+from radar_sense.analyses.verdict import condition, requirement
 from radar_sense.axis import Axis
 from radar_sense.command import Option
 from radar_sense.errors import InputError
@@ -24,10 +24,14 @@ from radar_sense.sources import sources_of
 
 OPTIONS = (
     Option("target", "Also the accuracy at which 3 sigma is X.", TARGET, metavar="X"),
-    dataclasses.replace(THRESHOLD, help="Also the accuracy at which P_D + K sigma is P_MAX."),
-    dataclasses.replace(AT_LEAST, help="Also the accuracy at which P_D - K sigma is P_MIN."),
-    dataclasses.replace(K, help="Number of sigma of --threshold or --at-least."),
-    PROBABILITY,
+    dataclasses.replace(
+        options.THRESHOLD, help="Also the accuracy at which P_D + K sigma is P_MAX."
+    ),
+    dataclasses.replace(
+        options.AT_LEAST, help="Also the accuracy at which P_D - K sigma is P_MIN."
+    ),
+    dataclasses.replace(options.K, help="Number of sigma of --threshold or --at-least."),
+    options.PROBABILITY,
     Option(
         "at",
         "The pose looked at, and the only one of a limit: azimuth [deg], range [km], time [s] or "

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-from radar_sense import words
+from radar_sense import options, words
 from radar_sense.axis import Axis
-from radar_sense.command import METHOD, ONE_RADAR, Figure, Result, command
+from radar_sense.command import Figure, Result, command
 from radar_sense.propagation import distribution, mean_and_std, std_off_in_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray
 
 
 @command(
-    ONE_RADAR,
-    METHOD,
+    options.ONE_RADAR,
+    options.METHOD,
     examples=(
         "radar-sense sensitivity",
         "radar-sense sensitivity my.yaml --out results",

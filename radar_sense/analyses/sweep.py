@@ -9,22 +9,12 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import words
+from radar_sense import options, words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import PathTest, path_test
-from radar_sense.analyses.verdict import (
-    AT_LEAST,
-    PROBABILITY,
-    THRESHOLD,
-    K,
-    beyond_in_words,
-    condition,
-    requirement,
-    side,
-    worst_band,
-)
+from radar_sense.analyses.verdict import beyond_in_words, condition, requirement, side, worst_band
 from radar_sense.axis import Axis, steps, widest_of_highest
-from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Option, Result, command
+from radar_sense.command import Figure, Option, Result, command
 from radar_sense.cost import RATE, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY
@@ -44,13 +34,18 @@ MAX_VALUES, SHOWN = 1000, 40
     Option("start", "First value.", ANY, metavar="START", positional=True),
     Option("stop", "Last value.", ANY, metavar="STOP", positional=True),
     Option("step", "Step from value to value.", ANY, metavar="STEP", positional=True),
-    LEVEL,
-    ONE_RADAR,
-    METHOD,
-    replace(THRESHOLD, help="Test P_D + K sigma <= P_MAX at every value; exit code 3 if at none."),
-    replace(AT_LEAST, help="Test P_D - K sigma >= P_MIN at every value; exit code 3 if at none."),
-    K,
-    PROBABILITY,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD,
+    replace(
+        options.THRESHOLD,
+        help="Test P_D + K sigma <= P_MAX at every value; exit code 3 if at none.",
+    ),
+    replace(
+        options.AT_LEAST, help="Test P_D - K sigma >= P_MIN at every value; exit code 3 if at none."
+    ),
+    options.K,
+    options.PROBABILITY,
     examples=(
         "radar-sense sweep radar.constant 50 250 25",
         "radar-sense sweep my.yaml geometry.down_km -12 -1 0.5 --threshold 0.1",

@@ -6,20 +6,9 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import words
-from radar_sense.analyses.verdict import K
+from radar_sense import options, words
 from radar_sense.axis import Axis
-from radar_sense.command import (
-    LEVEL,
-    METHOD_BUT_DRAWS,
-    ONE_RADAR,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
-    Figure,
-    Option,
-    Result,
-    command,
-)
+from radar_sense.command import Figure, Option, Result, command
 from radar_sense.errors import counted
 from radar_sense.montecarlo.adaptive import DIGITS, MOST_DRAWS, Verdict, judge
 from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
@@ -35,13 +24,13 @@ NAMES = {"mean": "mean", "std": "sigma", "lower": "lower bound", "upper": "upper
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    METHOD_BUT_DRAWS,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD_BUT_DRAWS,
     Option("digits", "Significant digits of the standard deviation that matter.", DIGITS),
-    K,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
+    options.K,
+    options.SEED_OF_DRAWS,
+    options.WORKER_THREADS,
     examples=(
         "radar-sense validate --digits 1",
         "radar-sense validate my.yaml --method form --digits 1",

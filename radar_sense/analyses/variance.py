@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import words
+from radar_sense import options, words
 from radar_sense.acceptance.threshold import PathTest
-from radar_sense.analyses.verdict import AT_LEAST, PROBABILITY, THRESHOLD, K, require, requirement
+from radar_sense.analyses.verdict import require, requirement
 from radar_sense.axis import reached, widest_of_highest
-from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Result, Table, command
+from radar_sense.command import Figure, Result, Table, command
 from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
@@ -22,13 +22,13 @@ from radar_sense.states import POSITION, FloatArray
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    METHOD,
-    THRESHOLD,
-    AT_LEAST,
-    K,
-    PROBABILITY,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD,
+    options.THRESHOLD,
+    options.AT_LEAST,
+    options.K,
+    options.PROBABILITY,
     examples=(
         "radar-sense variance",
         "radar-sense variance my.yaml --level high --method form",

@@ -12,38 +12,13 @@ from radar_sense import words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
-from radar_sense.command import Option, Result
+from radar_sense.command import Result
 from radar_sense.errors import InputError
-from radar_sense.limits import ABOVE, P_MIN, SIGMAS
-from radar_sense.limits import THRESHOLD as P_MAX
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
 
 #: Digits of the place from which a bound is above, of the length of a path.
 DIGITS = 4
-
-THRESHOLD = Option(
-    "threshold",
-    "Test P_D + K sigma <= P_MAX at every pose, on a path between poses too; exit code 3 if the "
-    "test is violated or not known.",
-    P_MAX,
-    metavar="P_MAX",
-)
-AT_LEAST = Option(
-    "at_least",
-    "Test P_D - K sigma >= P_MIN, of radars that are to detect, at every pose, on a path between "
-    "poses too; exit code 3 if the test is violated or not known.",
-    P_MIN,
-    metavar="P_MIN",
-)
-K = Option("k", "Number of sigma of the band.", SIGMAS, metavar="K", default_text="3")
-PROBABILITY = Option(
-    "probability",
-    "Largest P(P_D > P_MAX), or P(P_D < P_MIN), that passes the test at a pose, in place of K: "
-    "0.01 corresponds to K 2.326. Unlike with K, P_D itself may be beyond the limit.",
-    ABOVE,
-    metavar="P",
-)
 
 
 def requirement(
