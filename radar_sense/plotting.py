@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 
 from radar_sense.axis import Axis, runs_of
 from radar_sense.errors import check_choice
-from radar_sense.limits import STYLES as STYLE_NAMES
 from radar_sense.states import FloatArray
 from radar_sense.units import ascii_unit, split_unit
 
@@ -51,19 +50,14 @@ class Style(NamedTuple):
     ieee: bool = False
 
 
-STYLES: dict[str, Style] = dict(
-    zip(
-        STYLE_NAMES,
-        (
-            Style(3.5, 9.0, 1.0),
-            Style(7.16, 9.0, 1.0),
-            Style(13.33, 7.5, 1.75),
-            Style(3.5, 9.0, 1.125, ieee=True),
-        ),
-        strict=True,
-    )
-)
-DEFAULT_STYLE = STYLE_NAMES[0]
+#: By the names of `limits.STYLES`.
+STYLES = {
+    "one-column": Style(3.5, 9.0, 1.0),
+    "two-columns": Style(7.16, 9.0, 1.0),
+    "slides": Style(13.33, 7.5, 1.75),
+    "paper": Style(3.5, 9.0, 1.125, ieee=True),
+}
+DEFAULT_STYLE = "one-column"
 _STYLE_OF: WeakKeyDictionary[Figure, Style] = WeakKeyDictionary()
 #: Matplotlib's own sizes of ticks.
 _MAJOR = (("size", 3.5), ("width", 0.8), ("pad", 3.5))

@@ -416,7 +416,7 @@ def validity_warnings(
 ) -> Iterator[str]:
     """Yield where the band of the method is off, or not precise, and what to use there."""
     axis, method = scenario.axis, scenario.method
-    off = unreliable_in_scenario(scenario, moments, method=method, beta=k)
+    off = unreliable_in_scenario(scenario, moments, beta=k)
     outside = ((moments.lower < 0) | (moments.upper > 1)) & ~off
     yield from _of_std(scenario, moments.std, off, remedy)
     yield from placed("band-outside", outside, axis, f"the {method} {k:g}-sigma band leaves [0, 1]")

@@ -79,7 +79,7 @@ def sweep(
         values = steps(start, stop, step, MAX_VALUES)
     except InputError as error:
         raise InputError(f"step {error}") from error
-    required, method = requirement(threshold, k, probability, at_least), scenario.method
+    required = requirement(threshold, k, probability, at_least)
     k, limit = (k or 3.0, None) if required is None else (required.k, required.limit)
     column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
     axis = Axis(column, key, ascii_unit(key), values, ".12g", 0.0, "values", f"Value of {key}.")
@@ -93,13 +93,13 @@ def sweep(
     started = time.process_time()
     for done, (one, value) in enumerate(zip(scenarios, values, strict=True)):
         report("values", done, len(values))
-        moments = propagate_scenario(one, method=method, beta=k, p_max=limit)
+        moments = propagate_scenario(one, beta=k, p_max=limit)
         pose = widest_of_highest(sign * moments.p_d, moments.upper - moments.lower)
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
         bound = sign * np.max(sign * getattr(moments, end))
         extremes.append((*ends, bound, 3.0 * np.max(moments.std)))
         if required is not None:
-            tests.append(path_test(one, method, required, moments))
+            tests.append(path_test(one, one.method, required, moments))
         for text in (
             *plausibility_warnings(one),
             *words.validity_warnings(one, moments, k),

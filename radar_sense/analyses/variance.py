@@ -55,22 +55,22 @@ def variance(
     Raises:
         InputError: If an option is not allowed.
     """
-    axis, method, result = scenario.axis, scenario.method, Result(scenario)
+    axis, result = scenario.axis, Result(scenario)
     required = requirement(threshold, k, probability, at_least)
     k, limit = (k or 3.0, None) if required is None else (required.k, required.limit)
-    moments = propagate_scenario(scenario, method=method, p_max=limit if k == 3 else None)
+    moments = propagate_scenario(scenario, p_max=limit if k == 3 else None)
     band = moments
     if k != 3:
-        at_k = band_of_scenario(scenario, method=method, beta=k, p_max=limit)
+        at_k = band_of_scenario(scenario, method=scenario.method, beta=k, p_max=limit)
         band = replace(moments, **vars(at_k))
     by_radar = {
-        name: (radar, propagate_scenario(radar, method=method))
+        name: (radar, propagate_scenario(radar))
         for name, radar in single_radar_scenarios(scenario).items()
     }
 
     words.add_axis(result.table, axis)
     _add_band(result.table, scenario, moments)
-    words.add_mean(result.table, moments.mean, method)
+    words.add_mean(result.table, moments.mean, scenario.method)
     for name, (radar, of_radar) in by_radar.items():
         _add_band(result.table, radar, of_radar, name)
     if k != 3 and required is None:

@@ -18,7 +18,7 @@ from helpers import (
 )
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from radar_sense import analyses, plotting
+from radar_sense import analyses, limits, plotting
 from radar_sense.command import Result
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import Band
@@ -274,6 +274,11 @@ def test_a_figure_fits_its_style(analysis, style):
     assert not overlapping([box for box in labels if box.width])
     legend_off_data(figure)
     footer_off_all(figure)
+
+
+def test_styles_are_those_of_the_option():
+    assert tuple(plotting.STYLES) == limits.STYLES
+    assert limits.STYLES[0] == plotting.DEFAULT_STYLE
 
 
 def test_style_of_the_saved_figure_and_only_of_the_figure(tmp_path):
