@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from radar_sense import files
+from radar_sense import files, plotting
 from radar_sense.differences import RECORD
 from radar_sense.errors import (
     FigureError,
@@ -181,8 +181,6 @@ class Result:
         Raises:
             ValueError: If the result has no figure, there is no such style, or the axes do not fit.
         """
-        from radar_sense import plotting
-
         if self.draw is None:
             raise ValueError("this result has no figure")
         if ax is not None:
@@ -241,8 +239,6 @@ class Result:
         if not formats or self.draw is None:
             return {}
         try:
-            from radar_sense import plotting
-
             figure = self.plot(style)
             return {name: plotting.render(figure, name) for name in formats}
         except Exception as error:

@@ -32,7 +32,7 @@ CLOSEST = '''"""How close the aircraft comes to each radar."""
 
 from functools import partial
 
-from radar_sense import options, words
+from radar_sense import options, plotting, words
 from radar_sense.command import Result, command
 from radar_sense.model.geometry import slant_range
 
@@ -58,8 +58,6 @@ def closest(scenario):
 
 
 def _draw(figure, axis, ranges):
-    from radar_sense import plotting
-
     (axes,), x = plotting.pose_panels(figure, 1, axis)
     for (name, distance), style in zip(ranges.items(), plotting.styles(), strict=False):
         plotting.draw_line(axes, x, distance / 1e3, style, label=name)

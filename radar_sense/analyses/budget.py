@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import options, words
+from radar_sense import options, plotting, words
 from radar_sense.analyses.required import OPTIONS, required_accuracy
 from radar_sense.analyses.verdict import requirement
 from radar_sense.command import Figure, Result, command
@@ -189,8 +189,6 @@ def _know_first(scenario: Scenario, found: Budget) -> list[str]:
 
 def _draw(figure: Figure, result: Result, found: Budget) -> None:
     """Draw 3σ of all and of the sources, and of a single radar the parts, as thin lines."""
-    from radar_sense import plotting
-
     model, total = result.scenario.model, found.total
     radars = model.names if len(model.radars) > 1 else ()
     sources, parts = found.sources.values(), () if radars else found.parts.values()
@@ -216,8 +214,6 @@ def _draw(figure: Figure, result: Result, found: Budget) -> None:
 
 def _in_words(c: Contribution, radars: Collection[str]) -> str:
     """Return a source in words. A part of the constant is its parameter with the unit."""
-    from radar_sense.plotting import key_in_words
-
     if c.part_of:
-        return key_in_words(c.label)
+        return plotting.key_in_words(c.label)
     return c.name if c.name in radars else c.name.replace("_", " ")

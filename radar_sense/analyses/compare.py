@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense import options, words
+from radar_sense import options, plotting, words
 from radar_sense.axis import Axis
 from radar_sense.command import Figure, Result, command
 from radar_sense.cost import EMPHASIS, foresee
@@ -197,8 +197,6 @@ def _draw(
     moments: Mapping[str, Moments],
 ) -> None:
     """Draw the bounds, and their differences from the draws with the noise of the draws."""
-    from radar_sense import plotting
-
     (top, bottom), x = plotting.pose_panels(figure, 2, axis)
     plotting.draw_fill(top, x, drawn.lower, drawn.upper, color="0.8", lw=0, label="reference")
     noise = ERRORS * np.maximum(error.lower, error.upper)

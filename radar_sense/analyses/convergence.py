@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import options
+from radar_sense import options, plotting
 from radar_sense.command import Axes, Figure, Option, Result, command
 from radar_sense.limits import Limit
 from radar_sense.montecarlo.convergence import (
@@ -124,8 +124,6 @@ def _warnings(measured: Convergence) -> Iterator[str]:
 
 def _draw(figure: Figure, runs: FloatArray, errors: Mapping[str, Mapping[str, FloatArray]]) -> None:
     """Draw the errors of each statistic by number of runs."""
-    from radar_sense import plotting
-
     rows = plotting.panels(figure, len(STATISTICS))
     names = ("the mean", r"$\sigma$", r"the $3\,\sigma$ quantiles")
     labels = {"random": ("random", "o"), "sobol": ("Sobol\N{PRIME}", "s")}
@@ -153,8 +151,6 @@ def _slope(axes: Axes, runs: FloatArray, start: float, power: float, name: str) 
     """Draw a power of the number of runs, to compare the lines with."""
     if len(runs) < 2:
         return
-    from radar_sense import plotting
-
     guide = start * (runs / runs[0]) ** power
     axes.plot(runs, guide, color="0.55", lw=plotting.points(0.7))
     middle, above = len(runs) // 2, power > -1

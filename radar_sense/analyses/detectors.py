@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense import options
+from radar_sense import options, plotting
 from radar_sense.analyses.margin import OPTIONS, margin
 from radar_sense.command import Axes, Figure, Result, Table, command
 from radar_sense.errors import InputError, counted
@@ -154,8 +154,6 @@ def _required(scenario: Scenario) -> tuple[list[dict[str, Any]], list[str]]:
 
 def _draw(figure: Figure, table: Table, chosen: float) -> None:
     """Draw P_D by detector, the error of North's approximation, and the slope of Swerling 2."""
-    from radar_sense import plotting
-
     (top, bottom, slope) = plotting.panels(figure, 3)
     p_fas = np.unique(table["p_fa"])
     snr_db = table["snr_db"][table["p_fa"] == chosen]
@@ -187,14 +185,12 @@ def _draw(figure: Figure, table: Table, chosen: float) -> None:
     bottom.set_ylabel("North less Marcum")
     _draw_slopes(slope, table, chosen)
     slope.set_xlabel("Signal-to-noise ratio $S$ of a pulse [dB]")
-    slope.xaxis.set_major_locator(plotting.MaxNLocator(nbins=9))
+    slope.locator_params(axis="x", nbins=9)
     plotting.draw_legend(figure, top, bottom)
 
 
 def _draw_slopes(axes: Axes, table: Table, p_fa: float) -> None:
     """Draw dP_D/dB of Swerling 2 by the number of pulses, with dots where P_D is 0.5."""
-    from radar_sense import plotting
-
     rows = table["p_fa"] == p_fa
     snr_db = table["snr_db"][rows]
     slopes = {n: table[f"dp_d_per_db_swerling2_{n}"][rows] for n in PULSES}

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense import options
+from radar_sense import options, plotting
 from radar_sense.analyses.map_export import geojson
 from radar_sense.command import Figure, Option, Result, command
 from radar_sense.coverage.grid import (
@@ -279,8 +279,6 @@ def _off_by_draws(cells: Grid, method: str, k: float) -> dict[str, str]:
 
 def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     """Draw the cells with contours, the route and the radars."""
-    from radar_sense import plotting
-
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
     bounded, worst = result.summary["shown"] != "p_d", "worst_heading_deg" in table

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.constants import Boltzmann
 from scipy.special import ndtr, ndtri
 
-from radar_sense import words
+from radar_sense import plotting, words
 from radar_sense.axis import reached
 from radar_sense.command import Figure, Option, Result
 from radar_sense.covariance import variance_along
@@ -321,7 +321,6 @@ def _draw(
     title: str,
 ) -> None:
     """Draw losses, SNR, SNR that is needed, and margin with its bounds, as bars of one chain."""
-    from radar_sense import plotting
 
     def chain(changes: Mapping[str, float]) -> list[tuple[str, float, float]]:
         ends = np.cumsum([0.0, *changes.values()]).tolist()

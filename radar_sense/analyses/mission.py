@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from radar_sense import options, words
+from radar_sense import options, plotting, words
 from radar_sense.axis import Axis
 from radar_sense.command import Figure, Option, Result, Table, command
 from radar_sense.cost import foresee
@@ -367,8 +367,6 @@ def _draw(
     k: float,
 ) -> None:
     """Draw P_D of the looks, and the probability of each event with its band."""
-    from radar_sense import plotting
-
     network, *radars = missions
     (top, *below), x = plotting.pose_panels(figure, 2 if window is None else 3, scenario.axis)
     styles, thin = plotting.radar_styles([one.radar for one in radars]), plotting.points(0.8)

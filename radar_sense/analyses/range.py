@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense import options, words
+from radar_sense import options, plotting, words
 from radar_sense.axis import Axis, reached
 from radar_sense.command import OF_RADAR, Figure, Option, Result, Table, command
 from radar_sense.cost import foresee
@@ -290,8 +290,6 @@ def _draw(
     label: str,
 ) -> None:
     """Draw ranges and bands around each radar."""
-    from radar_sense import plotting
-
     width, count = plotting.nominal_width(figure), len(ranges)
     columns = min(count, int(width / (1.6 if count <= 6 else 1.1)))
     rows = -(-count // columns)

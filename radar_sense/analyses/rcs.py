@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense import options
+from radar_sense import options, plotting
 from radar_sense.axis import Axis
 from radar_sense.command import Figure, Result, command
 from radar_sense.errors import InputError
@@ -186,8 +186,6 @@ def _in_words(name: str, values: FloatArray, mask: NDArray[np.bool_], whole: str
 
 def _draw(figure: Figure, model: RCS, seen_azimuth: FloatArray, seen_elevation: FloatArray) -> None:
     """Draw cuts at the horizon and at one elevation, and the map with the geometry's directions."""
-    from radar_sense import plotting
-
     if plotting.nominal_width(figure) > 5.0:
         plotting.set_height(figure, 2.8)
         grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.2))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-from radar_sense import options, words
+from radar_sense import options, plotting, words
 from radar_sense.axis import Axis
 from radar_sense.command import Figure, Result, command
 from radar_sense.propagation import distribution, mean_and_std, std_off_in_scenario
@@ -67,8 +67,6 @@ def _spread(scenario: Scenario) -> words.Spread:
 
 
 def _draw(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray]) -> None:
-    from radar_sense import plotting
-
     (axes,), x = plotting.pose_panels(figure, 1, axis)
     for (level, three_sigma), style in zip(lines.items(), plotting.styles(), strict=False):
         plotting.draw_line(axes, x, three_sigma, style, label=level)

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import options, words
+from radar_sense import options, plotting, words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import PathTest, path_test
 from radar_sense.analyses.verdict import beyond_in_words, condition, requirement, side, worst_band
@@ -205,8 +205,6 @@ def _draw(
     k: float,
 ) -> None:
     """Draw the extreme P_D with its band, the extreme bound of any pose, and the threshold."""
-    from radar_sense import plotting
-
     p_d, lower, upper, bound = lines
     (axes,), x = plotting.pose_panels(figure, 1, axis)
     dots = {"marker": "o", "ms": plotting.points(1.8)} if len(x) <= SHOWN else {}

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import options, words
+from radar_sense import options, plotting, words
 from radar_sense.axis import Axis
 from radar_sense.command import Figure, Option, Result, command
 from radar_sense.errors import counted
@@ -144,8 +144,6 @@ def _report(
 
 def _draw(figure: Figure, axis: Axis, verdict: Verdict, plain: MonteCarlo, method: str) -> None:
     """Draw the distances over the tolerance, the coverage, and where the method agrees."""
-    from radar_sense import plotting
-
     (top, bottom), x = plotting.pose_panels(figure, 2, axis)
     for axes in (top, bottom):
         label = f"{method} agrees" if axes is top else None

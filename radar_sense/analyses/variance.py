@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import options, words
+from radar_sense import options, plotting, words
 from radar_sense.acceptance.threshold import PathTest
 from radar_sense.analyses.verdict import require, requirement
 from radar_sense.axis import reached, widest_of_highest
@@ -172,8 +172,6 @@ def _draw(
     tested: PathTest | None,
 ) -> None:
     """Draw P_D, its band, P_D by each radar, and the threshold, at the poses of the test."""
-    from radar_sense import plotting
-
     scenario = result.scenario
     if tested is not None:
         scenario, band = tested.path.scenario, tested.band
