@@ -326,10 +326,8 @@ def _draw(
         ends = np.cumsum([0.0, *changes.values()]).tolist()
         return list(zip(changes, ends, ends[1:], strict=False))
 
-    of_path = {"attenuation", "elevation_gain"} & {*terms}
-    losses = {
-        name: t for name, t in terms.items() if any(t) and (name.endswith("_db") or name in of_path)
-    }
+    of_path = "attenuation", "elevation_gain"
+    losses = {n: t for n, t in terms.items() if any(t) and (n.endswith("_db") or n in of_path)}
     (snr, of_snr), needed = terms["snr"], sum(changes.values())
     stds = {name: std for name, (_, std) in losses.items()} | {"SNR": of_snr}
     rest = (std for name, (_, std) in terms.items() if name not in {*losses, "snr"})

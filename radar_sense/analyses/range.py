@@ -295,31 +295,27 @@ def _draw(
     rows = -(-count // columns)
     plotting.set_height(figure, 3.3 if count == 1 else rows * (0.35 + min(width / columns, 1.75)))
     panels: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
-    angle, styles = np.deg2rad(angle_deg), plotting.radar_styles(list(ranges))
+    angle, styles = np.deg2rad(np.append(angle_deg, 360.0)), plotting.radar_styles(list(ranges))
+
+    def closed(distance: FloatArray) -> FloatArray:
+        """Return distances [km], with the first again at the end of the circle."""
+        return np.append(distance, distance[0]) / 1e3
+
     for panel, (name, of_radar) in zip(panels.flat, ranges.items(), strict=False):
         # of a network the colour is the radar, and the dashes are the P_D in every panel
-        own = [(styles[name][0] if name else colour, dashes) for colour, dashes in plotting.LINES]
+        own = ((styles[name][0] if name else colour, dash) for colour, dash in plotting.styles())
         for at, (colour, dashes) in zip(of_radar, own, strict=False):
             known = np.where(at.reach.endless, np.nan, at.slant)
-            lower, reach, upper = (
-                _closed(angle, values / 1e3) for values in (at.lower, known, at.upper)
-            )
+            lower, reach, upper = map(closed, (at.lower, known, at.upper))
             band = label if at is of_radar[0] else None
-            panel.fill_between(
-                reach[0], lower[1], upper[1], color=colour, alpha=0.22, lw=0, label=band
-            )
-            panel.plot(*reach, color=colour, ls=dashes, label=rf"$P_D$ = {at.p_d:g}")
+            panel.fill_between(angle, lower, upper, color=colour, alpha=0.22, lw=0, label=band)
+            panel.plot(angle, reach, color=colour, ls=dashes, label=rf"$P_D$ = {at.p_d:g}")
         # the data set the radius, and not a limit far beyond them
         farthest = 1.15 * max(float(np.nanmax([at.slant, at.upper])) for at in of_radar) / 1e3
-        limit = limits[name] / 1e3
+        limit = closed(limits[name])
         if limit.min() < farthest:
-            panel.plot(
-                *_closed(angle, limit),
-                color="0.35",
-                lw=plotting.points(0.8),
-                ls=":",
-                label="limit of the radar",
-            )
+            thin, text = plotting.points(0.8), "limit of the radar"
+            panel.plot(angle, limit, color="0.35", lw=thin, ls=":", label=text)
         names = plotting.ASPECTS if by == ASPECT else plotting.BEARINGS
         radius = "" if count > 1 else "Slant range [km]"
         panel.set_rlim(0, farthest or 1.0)
@@ -337,10 +333,3 @@ def _draw(
     drawn = panels.flat[:count]
     most = max(drawn, key=lambda panel: len(panel.get_legend_handles_labels()[1]))
     plotting.draw_legend(figure, most, title=unit + title)
-
-
-def _closed(angle: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return angles from 0 and values; of a full circle with the first point again at the end."""
-    if not math.isclose(len(angle) * angle[1], 2 * math.pi, rel_tol=1e-6):
-        return angle, values
-    return np.append(angle, 2 * math.pi), np.append(values, values[0])

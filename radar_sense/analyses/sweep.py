@@ -116,19 +116,14 @@ def sweep(
         bounds = np.array([tested.test.bound[tested.worst] for tested in tests])
 
     # the column of an entry of a list ends with the number of the entry, and not with the unit
-    result.table.add(column, values, axis.meaning, unit_name(key))
-    for name, numbers, meaning in (
-        (f"{most}_p_d", p_d, f"{largest.capitalize()} P_D of all poses."),
-        ("lower", lower, f"Lower bound of the {largest} P_D at {k:g} sigma."),
-        ("upper", upper, f"Upper bound of the {largest} P_D at {k:g} sigma."),
-        (
-            f"{most}_{end}",
-            bounds,
-            f"{largest.capitalize()} {end} bound of P_D at {k:g} sigma, at any pose.",
-        ),
-        ("largest_three_sigma", three_sigma, "Largest 3 sigma of P_D of all poses."),
-    ):
-        result.table.add(name, numbers, meaning)
+    add = result.table.add
+    add(column, values, axis.meaning, unit_name(key))
+    add(f"{most}_p_d", p_d, f"{largest.capitalize()} P_D of all poses.")
+    add("lower", lower, f"Lower bound of the {largest} P_D at {k:g} sigma.")
+    add("upper", upper, f"Upper bound of the {largest} P_D at {k:g} sigma.")
+    meaning = f"{largest.capitalize()} {end} bound of P_D at {k:g} sigma, at any pose."
+    add(f"{most}_{end}", bounds, meaning)
+    add("largest_three_sigma", three_sigma, "Largest 3 sigma of P_D of all poses.")
     result.summary["largest_three_sigma"] = words.peak(three_sigma, axis)
     bands = [words.describe_band(*ends[:3], k) for ends in extremes]
     if tests:
@@ -147,47 +142,33 @@ def sweep(
 
 def _add_tests(result: Result, axis: Axis, tests: list[PathTest]) -> list[str]:
     """Add the verdicts, and return the lines of the values: P_D at the worst pose, and verdict."""
-    required = tests[0].test.requirement
+    required, values = tests[0].test.requirement, axis.values
     verdicts = np.array([tested.test.verdict for tested in tests])
     holds, violated = verdicts == "holds", verdicts == "violated"
-    runs = [tested.decision.runs for tested in tests]
-    for name, numbers, meaning in (
-        (
-            "margin",
-            [t.test.margin[t.worst] for t in tests],
-            "How far the bound is within the limit.",
-        ),
-        ("violated", violated, "1 where the test is violated at a pose, else 0."),
-        ("not_known", ~holds & ~violated, "1 where the test has no answer, else 0."),
-        (
-            f"probability_{side(required)}",
-            [r.probability.max() for r in runs],
-            "Largest probability of P_D beyond the limit at a pose, in runs of the path.",
-        ),
-    ):
-        result.table.add(name, np.array(numbers, dtype=float), meaning)
-    places = words.places(
-        {"holds": holds, "VIOLATED": violated, "NOT KNOWN": ~holds & ~violated}, axis
-    )
+    unknown = ~holds & ~violated
+    margin = np.array([tested.test.margin[tested.worst] for tested in tests])
+    highest = np.array([tested.decision.runs.probability.max() for tested in tests])
+    add = result.table.add
+    add("margin", margin, "How far the bound is within the limit.")
+    add("violated", violated.astype(float), "1 where the test is violated at a pose, else 0.")
+    add("not_known", unknown.astype(float), "1 where the test has no answer, else 0.")
+    meaning = "Largest probability of P_D beyond the limit at a pose, in runs of the path."
+    add(f"probability_{side(required)}", highest, meaning)
+    masks = {"holds": holds, "VIOLATED": violated, "NOT KNOWN": unknown}
     result.report += [f"{condition(required)} by {axis.name}:"]
-    result.report += [f"{verdict} {place}" for verdict, place in places.items()]
+    result.report += [f"{word} {place}" for word, place in words.places(masks, axis).items()]
     result.summary["threshold"] = {
         **required.numbers,
-        **{
-            name: axis.values[mask].tolist()
-            for name, mask in {"holds": holds, "violated": violated}.items()
-        },
+        "holds": values[holds].tolist(),
+        "violated": values[violated].tolist(),
     }
     result.passed = bool(holds.any())
     lines = []
     for tested in tests:
-        above = tested.decision.runs
-        share = words.probability(above.probability.max())
-        shown = (
-            f"{share} where it is highest"
-            if above.counts.max()
-            else f"in none of {above.runs:,} runs"
-        )
+        beyond = tested.decision.runs
+        shown = f"in none of {beyond.runs:,} runs"
+        if beyond.counts.max():
+            shown = f"{words.probability(beyond.probability.max())} where it is highest"
         chance = f"{beyond_in_words(required)} {shown}"
         if not tested.path.resolved:
             chance = refinement.unresolved()

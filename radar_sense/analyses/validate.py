@@ -58,26 +58,21 @@ def validate(scenario: Scenario, *, digits: int = 2, k: float = 3.0, workers: in
     words.add_axis(result.table, axis)
     words.add_band(result.table, band, k)
     words.add_draws(result.table, DrawStatistics(*verdict.drawn), k)
-    for name, values, meaning in (
-        ("delta", verdict.delta, "Numerical tolerance of P_D, from the digits of sigma."),
-        ("distance_lower", distance["lower"], "Distance of the method's lower bound."),
-        ("distance_upper", distance["upper"], "Distance of the method's upper bound."),
-        ("runs", verdict.draws.astype(float), "Number of draws with emphasis on the tails."),
-        (
-            f"coverage_{k:.12g}sigma",
-            plain.coverage,
-            f"Share of the plain draws within the {k:g}-sigma band.",
-        ),
-        ("coverage_low", low, "Lower end of the 95 % confidence interval of the coverage."),
-        ("coverage_high", high, "Upper end of the 95 % confidence interval of the coverage."),
-        ("stable", verdict.stable.astype(float), "1 where the draws are stable to the tolerance."),
-        ("validated", verdict.agrees.astype(float), "1 where the method agrees with the draws."),
-    ):
-        result.table.add(name, values, meaning)
+    add = result.table.add
+    add("delta", verdict.delta, "Numerical tolerance of P_D, from the digits of sigma.")
+    add("distance_lower", distance["lower"], "Distance of the method's lower bound.")
+    add("distance_upper", distance["upper"], "Distance of the method's upper bound.")
+    add("runs", verdict.draws.astype(float), "Number of draws with emphasis on the tails.")
+    meaning = f"Share of the plain draws within the {k:g}-sigma band."
+    add(f"coverage_{k:.12g}sigma", plain.coverage, meaning)
+    add("coverage_low", low, "Lower end of the 95 % confidence interval of the coverage.")
+    add("coverage_high", high, "Upper end of the 95 % confidence interval of the coverage.")
+    add("stable", verdict.stable.astype(float), "1 where the draws are stable to the tolerance.")
+    add("validated", verdict.agrees.astype(float), "1 where the method agrees with the draws.")
     words.add_mean(result.table, band.mean, method)
-    result.table.add("distance_mean", distance["mean"], "Distance of the method's mean.")
-    result.table.add("distance_sigma", distance["std"], "Distance of the method's sigma.")
-    result.table.add("error", error, "Largest standard error of mean, sigma and bounds by draws.")
+    add("distance_mean", distance["mean"], "Distance of the method's mean.")
+    add("distance_sigma", distance["std"], "Distance of the method's sigma.")
+    add("error", error, "Largest standard error of mean, sigma and bounds by draws.")
 
     ratio = verdict.distance / verdict.delta
     largest = dict(zip(NAMES, (words.peak(row, axis) for row in ratio), strict=True))

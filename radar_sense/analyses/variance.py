@@ -136,12 +136,8 @@ def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: st
     if len(scenario.model.models) == 1:
         snr = scenario.model.snr(aircraft, radar).reshape(len(aircraft))
         sigma = scenario.radars[0].model.rcs.cross_section(body_vector(aircraft, radar))
-        table.add(
-            f"range_m{ending}",
-            slant_range(aircraft, radar),
-            f"{of_radar}Slant range to the radar.",
-            "m",
-        )
+        meaning = f"{of_radar}Slant range to the radar."
+        table.add(f"range_m{ending}", slant_range(aircraft, radar), meaning, "m")
         table.add(f"rcs_m2{ending}", sigma, f"{of_radar}RCS towards the radar.", "m²")
         meaning = f"{of_radar}Signal-to-noise ratio of a single pulse."
         table.add(f"snr_db{ending}", words.decibels(snr), meaning, "dB")

@@ -75,19 +75,14 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
     tested = path_test(result.scenario, result.method, required, band)
     rows, test, where = tested.path.rows, tested.test, side(required)
     end, limit = ("lower", "P_MIN") if required.at_least else ("upper", "P_MAX")
-    column = f"{end}_{required.k:.12g}sigma"
-    for name, values, meaning in (
-        (column, test.bound, f"{end.capitalize()} bound of P_D at {required.k:g} sigma."),
-        ("margin", test.margin, f"How far the {end} bound of P_D is within {limit}."),
-        ("violated", test.violated.astype(float), "1 where the test is violated, else 0."),
-        ("not_known", test.unknown.astype(float), "1 where the test has no answer, else 0."),
-        (
-            f"probability_{where}",
-            tested.decision.runs.probability,
-            f"Share of the runs of the path with P_D {where} {limit}.",
-        ),
-    ):
-        result.table.add(name, values[rows], meaning)
+    column, add = f"{end}_{required.k:.12g}sigma", result.table.add
+    add(column, test.bound[rows], f"{end.capitalize()} bound of P_D at {required.k:g} sigma.")
+    add("margin", test.margin[rows], f"How far the {end} bound of P_D is within {limit}.")
+    violated, unknown = test.violated[rows].astype(float), test.unknown[rows].astype(float)
+    add("violated", violated, "1 where the test is violated, else 0.")
+    add("not_known", unknown, "1 where the test has no answer, else 0.")
+    meaning = f"Share of the runs of the path with P_D {where} {limit}."
+    add(f"probability_{where}", tested.decision.runs.probability[rows], meaning)
     result.summary["threshold"] = _summary(tested, column)
     result.report[:0] = _report(tested)
     result.passed = test.passed
