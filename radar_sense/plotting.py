@@ -504,30 +504,16 @@ def coloured_line(
         capstyle="round",
         rasterized=len(x) > MOST_POINTS,
     )
-    axes.plot(
-        x,
-        y,
-        color="black",
-        lw=points(1.8),
-        path_effects=rims,
-        solid_capstyle="butt",  # nothing stands out behind the marks of start and end
-        label=label,
-    )
+    # with a butt nothing stands out behind the marks of start and end
+    edge: dict[str, Any] = {"path_effects": rims, "solid_capstyle": "butt"}
+    axes.plot(x, y, color="black", lw=points(1.8), label=label, **edge)
     axes.add_collection(line)
 
 
 def mark(axes: Axes, places: FloatArray, marker: str, size: float, label: str) -> None:
     """Mark places north and east (n, 2 or more) on a map, white with a black edge."""
-    axes.plot(
-        places[:, 1],
-        places[:, 0],
-        marker,
-        color="white",
-        mec="black",
-        mew=points(0.7),
-        ms=points(size),
-        label=label,
-    )
+    edge: dict[str, Any] = {"mec": "black", "mew": points(0.7), "ms": points(size)}
+    axes.plot(places[:, 1], places[:, 0], marker, color="white", label=label, **edge)
 
 
 def draw_fill(

@@ -107,19 +107,12 @@ def _warnings(measured: Convergence) -> Iterator[str]:
     if (count := len(measured.runs)) < RATE_SIZES:
         text = f"too few numbers of runs for a rate: {count}; take {2**RATE_SIZES} runs or more"
         yield warning("runs-few", text)
-    unknown, zero = measured.unknown, ~(measured.reference[1] > LEAST_STD)
+    axis, unknown, zero = measured.axis, measured.unknown, ~(measured.reference[1] > LEAST_STD)
     others = "" if np.all(zero | unknown) else "; the errors are of the other poses"
     text = "sigma of P_D, the unit of the errors, is"
-    yield from placed(
-        "sigma-zero", zero & ~unknown, measured.axis, f"{text} zero in the draws", others
-    )
-    yield from placed(
-        "reference-imprecise",
-        unknown,
-        measured.axis,
-        f"{text} known to no better than {LARGEST_ERROR:.0%}",
-        f"{others}; take more runs",
-    )
+    yield from placed("sigma-zero", zero & ~unknown, axis, f"{text} zero in the draws", others)
+    rough, more = f"{text} known to no better than {LARGEST_ERROR:.0%}", f"{others}; take more runs"
+    yield from placed("reference-imprecise", unknown, axis, rough, more)
 
 
 def _draw(figure: Figure, runs: FloatArray, errors: Mapping[str, Mapping[str, FloatArray]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from functools import partial
@@ -177,7 +178,7 @@ def _draw(figure: Figure, table: Table, chosen: float) -> None:
     top.set_ylabel(r"$P_D$")
     # Grey and black, because colours stand for detectors in the upper panel.
     others = [p for p in p_fas[::-1] if p != chosen]
-    dashes = [dash for _, dash in (*plotting.LINES[:4], plotting.LINES[5])]
+    dashes = itertools.cycle(dash for _, dash in (*plotting.LINES[:4], plotting.LINES[5]))
     styles = {p: ("0.45", dash) for p, dash in zip(others, dashes, strict=False)}
     for p_fa, style in {chosen: ("black", "-"), **styles}.items():
         error = table["north_less_marcum"][table["p_fa"] == p_fa]

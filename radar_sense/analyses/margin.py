@@ -226,14 +226,9 @@ def _add_margin(
     missing, axis, method = np.isnan(lower) | np.isnan(upper), scenario.axis, scenario.method
     without = f"the {method} band of the margin has no value"
     result.warnings += words.placed("no-value", seen & missing, axis, without)
-    result.warnings += words.band_off(
-        seen & off & ~missing,
-        axis,
-        method,
-        f" by over {PRECISION_DB:g} dB",
-        f"{PRECISION_DB:g} dB",
-        " of the margin",
-    )
+    known, least = seen & off & ~missing, f"{PRECISION_DB:g} dB"
+    by = f" by over {least}"
+    result.warnings += words.band_off(known, axis, method, by, least, " of the margin")
     return left, lower, upper
 
 

@@ -222,34 +222,14 @@ def _draw(figure: Figure, model: RCS, seen_azimuth: FloatArray, seen_elevation: 
     )
     bar.ax.locator_params(nbins=6)
     if np.ptp(level) > 0.1:
-        contours = plane.contour(
-            azimuth,
-            elevation,
-            level,
-            6,
-            colors="white",
-            linestyles="-",
-            linewidths=plotting.points(0.3),
-        )
-        bar.add_lines(contours)
-    plane.plot(
-        seen_azimuth,
-        seen_elevation,
-        ".",
-        color=plotting.BAND[0],
-        ms=plotting.points(2.5),
-        label="the radar in the geometry",
-    )
+        line: dict[str, Any] = {"linestyles": "-", "linewidths": plotting.points(0.3)}
+        bar.add_lines(plane.contour(azimuth, elevation, level, 6, colors="white", **line))
+    dot: dict[str, Any] = {"color": plotting.BAND[0], "ms": plotting.points(2.5)}
+    plane.plot(seen_azimuth, seen_elevation, ".", label="the radar in the geometry", **dot)
     if isinstance(model, TableRCS) and model.elevation is not None:
-        plane.hlines(
-            np.rad2deg(model.elevation[[0, -1]]),
-            -180,
-            180,
-            colors="black",
-            linestyles="--",
-            lw=plotting.points(0.8),
-            label="ends of the table",
-        )
+        line = {"colors": "black", "linestyles": "--", "lw": plotting.points(0.8)}
+        ends = np.rad2deg(model.elevation[[0, -1]])
+        plane.hlines(ends, -180, 180, label="ends of the table", **line)
     plane.set(xlim=(-180, 180), ylim=(-90, 90))
     plane.set(xticks=range(-180, 181, 45), yticks=range(-90, 91, 45))
     plane.tick_params(axis="x", pad=plotting.points(7))  # clear of the lowest elevation

@@ -153,14 +153,7 @@ def _draw(figure: Figure, axis: Axis, verdict: Verdict, plain: MonteCarlo, metho
     label = f"{expected:.2f} %"
     bottom.axhline(expected, color="black", lw=plotting.points(0.8), label=label)
     low, high = plain.coverage_interval()
-    plotting.draw_fill(
-        bottom,
-        x,
-        100 * low,
-        100 * high,
-        color="0.5",
-        lw=plotting.points(0.4),
-        label="coverage (95 %)",
-    )
+    fill = {"color": "0.5", "lw": plotting.points(0.4), "label": "coverage (95 %)"}
+    plotting.draw_fill(bottom, x, 100 * low, 100 * high, **fill)
     bottom.set_ylabel("Coverage [%]")
     plotting.draw_legend(figure, top, bottom)
