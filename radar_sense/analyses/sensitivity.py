@@ -45,7 +45,8 @@ def sensitivity(scenario: Scenario) -> Result:
     by_method = "" if method == "linear" else f" ({method})"
     result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
     result.report += words.rows((n, words.describe_extreme(top, axis)) for n, top in worst.items())
-    words.add_radars(result, alone)
+    stds = {level: {n: std for n, (_, _, std) in of.items()} for level, of in alone.items()}
+    words.add_radars(result, stds)
     of_radars = {
         f"{name} alone, {level}": radar
         for level, radars in alone.items()
@@ -62,7 +63,7 @@ def sensitivity(scenario: Scenario) -> Result:
     return result
 
 
-def _spread(scenario: Scenario) -> words.Spread:
+def _spread(scenario: Scenario) -> tuple[Scenario, FloatArray, FloatArray]:
     return scenario, *mean_and_std(distribution(scenario, scenario.method))
 
 

@@ -85,8 +85,7 @@ def variance(
         f"largest 3 sigma of P_D ({words.level_and_method(scenario)}): "
         f"{words.describe_extreme(worst, axis)}",
     ]
-    alone = {name: (radar, m.mean, m.std) for name, (radar, m) in by_radar.items()}
-    words.add_radars(result, {scenario.level: alone})
+    words.add_radars(result, {scenario.level: {name: m.std for name, (_, m) in by_radar.items()}})
     result.warnings += words.validity_warnings(scenario, band, k)
     result.warnings += words.table_warnings(scenario)
     result.warnings += words.gathered(
