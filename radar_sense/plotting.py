@@ -13,7 +13,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -209,18 +209,25 @@ class Given:
         """Return no small print."""
         return ""
 
-    def set_figheight(self, inches: float) -> None:
+    def set_figheight(self, _: object) -> None:
         """Leave the figure as it is."""
 
+    set_layout_engine = set_figheight
+
     def __getattr__(self, name: str) -> Any:
-        return getattr(self.axes[0].figure, name)
+        return getattr(self.figure, name)
+
+    @property
+    def figure(self) -> Figure:
+        """One's own figure; of a subfigure the whole."""
+        return self.axes[0].figure.figure
 
 
 def draw_on(plot: Callable[[Any], object], axes: Axes | Sequence[Axes]) -> Figure:
     """Draw on one's own axes, and return their figure."""
     given = Given(np.ravel(np.asarray(axes, dtype=object)).tolist())
     plot(given)
-    return cast("Figure", given.axes[0].get_figure())
+    return given.figure
 
 
 def points(size: float) -> float:

@@ -438,6 +438,24 @@ def test_axes_of_ones_own(name):
             result.plot(ax=Figure().subplots(count, squeeze=False)[:, 0])
 
 
+def test_the_layout_of_ones_own_figure_stays():
+    """A layout cannot be changed beside a colour bar, and it is not the map's to change."""
+    result = analyses.map(load_scenario(), step_km=50)
+    figure = Figure(layout="tight")
+    left, right = figure.subplots(1, 2)
+    figure.colorbar(left.imshow(np.eye(2)), ax=left)
+    engine = figure.get_layout_engine()
+    assert result.plot(ax=right) is figure
+    assert figure.get_layout_engine() is engine
+
+
+def test_axes_of_a_subfigure():
+    figure = Figure()
+    axes = figure.subfigures(1, 2)[0].subplots()
+    assert analyses.variance(load_scenario()).plot(ax=axes) is figure
+    assert axes.lines
+
+
 def test_long_small_print_is_wrapped():
     result = analyses.budget(load_scenario("configs/paper.yaml"))
     figure = result.plot()
