@@ -93,7 +93,7 @@ def required_accuracy(
         **({"three_sigma": limit} if asked is None else asked.numbers),
         "poses": len(axis),
         "poses_between_rows": poses.added,
-        f"at_{axis.unit}": at,
+        f"at_{axis.unit or axis.key}": at,
         "required_accuracy": _by_source(required, axis),
     }
     return lines, {"target" if asked is None else "threshold": numbers}

@@ -90,8 +90,8 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
 
 
 def _unit(scenario: Scenario) -> str:
-    """Return the unit of the coordinate of `refinement`."""
-    return scenario.axis.unit if scenario.time_s is None else "s"
+    """Return the unit of the coordinate of `refinement`; steps between poses without one."""
+    return (scenario.axis.unit or "steps") if scenario.time_s is None else "s"
 
 
 def _summary(tested: PathTest, column: str) -> dict[str, Any]:
