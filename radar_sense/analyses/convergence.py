@@ -123,9 +123,8 @@ def _draw(figure: Figure, runs: FloatArray, errors: Mapping[str, Mapping[str, Fl
     for axes, statistic, name in zip(rows, STATISTICS, names, strict=True):
         for (kind, error), style in zip(errors[statistic].items(), plotting.LINES, strict=False):
             label, marker = labels[kind]
-            of_first = {"label": label} if axes is rows[0] else {}
             size = plotting.points(2.8)
-            plotting.draw_line(axes, runs, error, style, marker=marker, ms=size, **of_first)
+            plotting.draw_line(axes, runs, error, style, marker=marker, ms=size, label=label)
         axes.set_ylabel(f"Error of {name},\nin $\\sigma$ of $P_D$")
         axes.set_xscale("log", base=2)
         axes.margins(x=0.03)

@@ -11,20 +11,10 @@ from typing import Any
 import numpy as np
 
 from radar_sense import options, plotting
-from radar_sense.analyses.margin import OPTIONS, margin
+from radar_sense.analyses.margin import INTEGRATING, OPTIONS, margin
 from radar_sense.command import Axes, Figure, Result, Table, command
 from radar_sense.errors import InputError, counted
-from radar_sense.model.detectors import (
-    DETECTORS,
-    Detector,
-    Marcum,
-    Swerling1,
-    Swerling2,
-    Swerling3,
-    Swerling4,
-    linearize,
-    required_snr,
-)
+from radar_sense.model.detectors import DETECTORS, Detector, Swerling2, linearize, required_snr
 from radar_sense.scenario import Scenario
 from radar_sense.words import describe_detector, describe_extreme, peak
 
@@ -34,9 +24,8 @@ P_FAS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-12)
 SNR_DB = np.linspace(-10.0, 30.0, 401)
 #: Detectors that differ for a single pulse. Every other detector equals one of these.
 DISTINCT = ("north", "marcum", "swerling1", "swerling3")
-#: Numbers of integrated pulses, and the detectors that integrate.
+#: Numbers of integrated pulses.
 PULSES = (1, 10, 100)
-INTEGRATING = (Marcum, Swerling1, Swerling2, Swerling3, Swerling4)
 #: P_D whose signal-to-noise ratio is reported.
 REQUIRED = (0.5, 0.9)
 
@@ -65,7 +54,7 @@ def detectors(
     that make its SNR.
     """
     if p_d is not None:
-        return margin(scenario, p_d, pulses, INTEGRATING, 3.0 if k is None else k)
+        return margin(scenario, p_d, pulses, k or 3.0)
     for name, value in (("pulses", pulses), ("k", k)):
         if value is not None:
             raise InputError(f"'{name}' needs 'p_d'")

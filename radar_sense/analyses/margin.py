@@ -20,7 +20,15 @@ from radar_sense.command import Figure, Option, Result
 from radar_sense.covariance import variance_along
 from radar_sense.errors import InputError
 from radar_sense.limits import Limit
-from radar_sense.model.detectors import PULSES, Detector, Marcum, North, PulseDetector, required_snr
+from radar_sense.model.detectors import (
+    DETECTORS,
+    PULSES,
+    Detector,
+    Marcum,
+    North,
+    PulseDetector,
+    required_snr,
+)
 from radar_sense.model.geometry import radar_from_aircraft, slant_range
 from radar_sense.model.normal import density
 from radar_sense.model.radar import Radar
@@ -42,6 +50,8 @@ OPTIONS = (
     ),
     Option("pulses", "Pulses integrated, with --p-d.", PULSES, default_text="the radar's"),
 )
+#: The detectors that integrate pulses.
+INTEGRATING = [d for d in dict.fromkeys(DETECTORS.values()) if issubclass(d, PulseDetector)]
 #: Decibels of a unit of z. Φ(z) has the digits of margins up to 160 dB.
 SPAN = 20.0
 #: By how much a bound of a margin may be off [dB].
@@ -79,13 +89,7 @@ class Margin:
         return (words.decibels(snr) - self.needed_db) / SPAN, 1.0 / (NEPERS * SPAN * snr)
 
 
-def margin(
-    scenario: Scenario,
-    p_d: float,
-    pulses: int | None,
-    compared: Sequence[type[PulseDetector]],
-    k: float,
-) -> Result:
+def margin(scenario: Scenario, p_d: float, pulses: int | None, k: float) -> Result:
     """Return the SNR that a P_D needs, the margin left at the poses, and the terms of the SNR.
 
     The SNR that other detectors need is shown, too. Without a number of pulses, those of the
@@ -109,7 +113,7 @@ def margin(
     needed = needed_db(detector)
     after = {name: needed_db(d) for name, d in _steps(detector).items()}
     count = int(getattr(detector, "pulses", 1))
-    others = {words.describe_detector(d): needed_db(d) for d in (of(count) for of in compared)}
+    others = {words.describe_detector(d): needed_db(d) for d in (of(count) for of in INTEGRATING)}
     terms = snr_terms(scenario)
     left, lower, upper = _add_margin(result, terms["snr"][0], needed, k)
     meaning = "A term of the SNR in SI units, such as gain_dbi; snr is their sum."
@@ -211,7 +215,7 @@ def _add_margin(
     model = dataclasses.replace(radar.model, detector=Margin(middle))
     radars = (dataclasses.replace(radar.without_limits(), model=model),)
     free = dataclasses.replace(scenario, radars=radars)
-    lower, upper, off = _bounds(free, scenario.method, k)
+    lower, upper, off = _bounds(free, k)
     lower, upper = lower + (middle - needed_db), upper + (middle - needed_db)
     no_signal = lower + needed_db <= words.decibels(np.array(LEAST)) + 1e-6
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 0]
@@ -232,15 +236,13 @@ def _add_margin(
     return left, lower, upper
 
 
-def _bounds(
-    free: Scenario, method: str, k: float
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def _bounds(free: Scenario, k: float) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return the bounds of the margin (n,) [dB], and where they are not right to `PRECISION_DB`.
 
     The scenario has a `Margin` as its detector.
     """
-    automatic = method == AUTOMATIC
-    smooth = {"linear": "probit", AUTOMATIC: "form"}.get(method, method)
+    automatic = free.method == AUTOMATIC
+    smooth = {"linear": "probit", AUTOMATIC: "form"}.get(free.method, free.method)
     band = band_of_scenario(free, method=smooth, beta=k)
     bounds = np.stack([band.lower, band.upper])
 
