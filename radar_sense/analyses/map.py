@@ -32,7 +32,7 @@ from radar_sense.propagation import AUTOMATIC, band_of_scenario, no_draws
 from radar_sense.propagation.automatic import ERRORS, LEAST_CHANGE, tolerance_of
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, POSITION, FloatArray, blocks
-from radar_sense.words import heading, placed, probability, warning
+from radar_sense.words import REMEDY, heading, placed, probability, warning
 
 #: Levels of P_D with contour lines, and with areas in the report.
 LEVELS = (0.1, 0.5, 0.9)
@@ -210,7 +210,7 @@ def coverage_map(
     unknown = "at the route, the bound has no value" if upper else "at the route, P_D has no value"
     result.warnings += placed("no-value", np.isnan(route), scenario.axis, unknown)
     if off:
-        remedy = "use variance at poses there" if method == "form" else f"use --method {AUTOMATIC}"
+        remedy = "use variance at poses there" if method == "form" else REMEDY
         text = f"the {method} bound is off in some of the cells that were checked"
         by = f"{' and '.join(off.values())}, in others perhaps by more"
         result.warnings.append(warning("band-off", f"{text}: {by}; {remedy}"))

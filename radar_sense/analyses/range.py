@@ -19,7 +19,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.plausibility import height_of_option
 from radar_sense.progress import report
-from radar_sense.propagation import AUTOMATIC, no_draws
+from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
 
@@ -93,17 +93,15 @@ def detection_range(
     result = Result(scenario)
     angle_deg = np.arange(0.0, 360.0 - 1e-9, step_deg)
     axis = Axis(f"{by}_deg", by, "deg", angle_deg, "g", 1e-9, f"{by}s", ANGLES[by])
-    aircraft: dict[str, Any] = {
-        "by_aspect": by == ASPECT,
-        "down": None if down_km is None else down_km * 1e3,
-        "course": None if course_deg is None else math.radians(course_deg),
-    }
+    down = None if down_km is None else down_km * 1e3
+    course = None if course_deg is None else math.radians(course_deg)
     singles = single_radar_scenarios(scenario) or {"": scenario}
     rays_in_all = len(angle_deg) * len(singles)
     evaluations = rays_in_all * (RAY_BY_LINEAR if method == "linear" else RAY)
     foresee(f"{rays_in_all:,} rays", evaluations, less="rays of a longer --step-deg")
+    angle = np.deg2rad(angle_deg)
     surveys = {
-        name: survey(rays(single, np.deg2rad(angle_deg), **aircraft))
+        name: survey(rays(single, angle, by_aspect=by == ASPECT, down=down, course=course))
         for name, single in singles.items()
     }
     ranges: dict[str, list[RangeAt]] = {}
@@ -146,11 +144,11 @@ def detection_range(
     }
 
     off = {name: np.any([at.unreliable for at in group], axis=0) for name, group in ranges.items()}
-    instead = f"; use --method {AUTOMATIC}"
+    why, error = f"; {words.REMEDY}", f"{PRECISION:.0%}"
     warnings = [
         (name, text)
         for name, mask in off.items()
-        for text in words.band_off(mask, axis, method, instead, f"{PRECISION:.0%}", " of the range")
+        for text in words.band_off(mask, axis, method, why, error, " of the range")
     ]
     result.warnings += height_of_option(scenario, down_km)
     result.warnings += words.gathered(warnings) if names else [text for _, text in warnings]
