@@ -152,31 +152,23 @@ def mission(
         "largest_standard_error_of_bounds": errors,
         "monte_carlo": None,
     }
-    periods = [radar.model.radars[0].scan_period for radar in looks.radars]
-    if radars:
-        result.summary["radars"] = {
-            one.radar: {
-                "scan_period_s": period,
-                "looks": len(times),
-                **_summaries(one, axis, k),
-            }
-            for one, period, times in zip(radars, periods, looks.times, strict=True)
-        }
     names = ["detection"] if window is None else ["detection", "track, {} of {}".format(*window)]
     for name, found in zip(names, network.events.values(), strict=True):
         result.report += _answer(name, found, scenario.level, axis, k)
     if radars:
-        result.report.append("each radar alone, by the end:")
-        rows = {
-            one.radar: ", ".join(
+        by_radar, rows = {}, []
+        periods = (radar.model.radars[0].scan_period for radar in looks.radars)
+        for one, period, times in zip(radars, periods, looks.times, strict=True):
+            numbers = {"scan_period_s": period, "looks": len(times)}
+            by_radar[one.radar] = {**numbers, **_summaries(one, axis, k)}
+            of_events = ", ".join(
                 f"{event.key} {words.probability(found.p[-1])}, "
                 f"on average {_mean(found)} ({_band(found, 'to')})"
                 for event, found in one.events.items()
             )
-            + f", every {period:g} s"
-            for one, period in zip(radars, periods, strict=True)
-        }
-        result.report += words.rows(rows.items())
+            rows.append((one.radar, f"{of_events}, every {period:g} s"))
+        result.summary["radars"] = by_radar
+        result.report += ["each radar alone, by the end:", *words.rows(rows)]
     if drawn:
         _add_differences(result, network, clipped, names, k)
     result.report.append(_describe_looks(looks))
