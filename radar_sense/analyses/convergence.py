@@ -56,24 +56,19 @@ def convergence(scenario: Scenario, *, runs: int = 2**14, workers: int = 1) -> R
 
     result.table.add("runs", measured.runs.astype(float), "Number of runs.")
     names = {"mean": "the mean", "std": "sigma", "quantile": "the 3-sigma quantiles"}
+    last: dict[str, dict[str, dict[str, float]]] = {}
     for statistic, of in measured.errors.items():
+        last[statistic] = {}
         for kind, error in of.items():
             meaning = f"RMS error of {names[statistic]} by {kind} draws, in sigma of P_D."
             result.table.add(f"error_{statistic}_{kind}", error, meaning)
-
-    last = {
-        statistic: {
-            kind: {
+            times = of["random"][-1] / error[-1] if error[-1] > 0 else np.nan
+            last[statistic][kind] = {
                 "error": float(error[-1]),
                 "rate": rate(measured.runs, error),
-                "random_runs_for_the_same": float(runs * (of["random"][-1] / error[-1]) ** 2)
-                if error[-1] > 0
-                else float("nan"),
+                "random_runs_for_the_same": float(runs * times**2),
             }
-            for kind, error in of.items()
-        }
-        for statistic, of in measured.errors.items()
-    }
+
     result.summary |= {
         "runs": runs,
         "repetitions": REPLICATIONS,
