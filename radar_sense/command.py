@@ -1,6 +1,6 @@
 """What makes a function a command: its options, its table and its result.
 
-    @command(LEVEL, ONE_RADAR, METHOD, examples=("radar-sense budget",))
+    @command(options.LEVEL, options.METHOD, examples=("radar-sense budget",))
     def budget(scenario: Scenario) -> Result: ...
 
 `budget` is then a `Command`. Python calls it with a scenario, and the command line finds it by the
@@ -14,13 +14,13 @@ import inspect
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from radar_sense import files
+from radar_sense import files, plotting
 from radar_sense.differences import RECORD
 from radar_sense.errors import (
     FigureError,
@@ -30,19 +30,7 @@ from radar_sense.errors import (
     did_you_mean,
     shorten_list,
 )
-from radar_sense.limits import (
-    FORMATS,
-    MAP_KM,
-    RUNS,
-    SEED,
-    STYLES,
-    WORKERS,
-    Limit,
-    check_number,
-    plain_number,
-)
-from radar_sense.montecarlo.sequences import SAMPLERS
-from radar_sense.propagation import METHODS, MONTE_CARLO
+from radar_sense.limits import FORMATS, STYLES, Limit, check_number, plain_number
 from radar_sense.scenario import Scenario, check_scenario, for_radar
 from radar_sense.states import FloatArray
 
@@ -107,59 +95,8 @@ class Option:
         return value
 
 
-# The options that mean the same everywhere.
-LEVEL = Option("level", "Level of radar uncertainty.", metavar="NAME")
-ONE_RADAR = Option("radar", "Only this radar of a network.", metavar="NAME")
-METHOD = Option(
-    "method",
-    f"Method of propagation: {', '.join(METHODS)}.",
-    metavar="NAME",
-    choices=METHODS,
-    default_text="the scenario's",
-)
-#: Of commands that compare with draws, or need a bound at too many poses for plain draws.
-METHOD_BUT_DRAWS = replace(
-    METHOD, help=f"Method of propagation: {', '.join(m for m in METHODS if m != MONTE_CARLO)}."
-)
-NUMBER_OF_RUNS = Option("runs", "Number of runs.", RUNS, default_text="the scenario's")
-SEED_OF_DRAWS = Option("seed", "Seed of the random draws.", SEED, default_text="the scenario's")
-SAMPLER = Option(
-    "sampler",
-    "random; or sobol, quasi-random points that need fewer runs for mean and sigma.",
-    metavar="NAME",
-    choices=SAMPLERS,
-)
-WORKER_THREADS = Option(
-    "workers",
-    "Threads to compute with; the numbers do not depend on the number of threads.",
-    WORKERS,
-    default_text="all cores, at most 8",
-)
-DASK = Option(
-    "dask",
-    "Compute on a Dask cluster, given by its scheduler, such as tcp://host:8786.",
-    metavar="ADDRESS",
-)
-DOWN_KM = Option(
-    "down_km",
-    "Minus the height above the origin.",
-    MAP_KM,
-    "KM",
-    default_text="the first pose's",
-)
-COURSE_DEG = Option(
-    "course_deg",
-    "Heading of the aircraft.",
-    Limit(at_least=-360, at_most=360),
-    "DEG",
-    default_text="the first pose's",
-)
 #: Keywords of every command, which choose what the scenario states.
-_OF_SCENARIO = tuple(
-    option.name for option in (LEVEL, ONE_RADAR, METHOD, NUMBER_OF_RUNS, SEED_OF_DRAWS)
-)
-
-
+_OF_SCENARIO = ("level", "radar", "method", "runs", "seed")
 #: Beginning of the meaning of a column of one radar alone.
 OF_RADAR = "For radar "
 
@@ -244,8 +181,6 @@ class Result:
         Raises:
             ValueError: If the result has no figure, there is no such style, or the axes do not fit.
         """
-        from radar_sense import plotting
-
         if self.draw is None:
             raise ValueError("this result has no figure")
         if ax is not None:
@@ -304,8 +239,6 @@ class Result:
         if not formats or self.draw is None:
             return {}
         try:
-            from radar_sense import plotting
-
             figure = self.plot(style)
             return {name: plotting.render(figure, name) for name in formats}
         except Exception as error:

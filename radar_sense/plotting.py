@@ -1,8 +1,8 @@
 """Style and helpers of the figures; the only module that imports Matplotlib.
 
 Figures fit a column of a journal, its page or a slide. Lines differ by dashes as well as by colour.
-The legend is outside the axes. Matplotlib is used without pyplot, which has global state and a slow
-import.
+The legend is outside the axes. Matplotlib is imported in functions, because numbers need no figure,
+and without pyplot, which has global state and a slow import.
 """
 
 from __future__ import annotations
@@ -13,26 +13,23 @@ import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakKeyDictionary
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes as Axes
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure as Figure
-from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
-from matplotlib.text import Annotation
-from matplotlib.ticker import MaxNLocator as MaxNLocator
-from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from radar_sense.axis import Axis, runs_of
 from radar_sense.errors import check_choice
-from radar_sense.limits import STYLES as STYLE_NAMES
 from radar_sense.states import FloatArray
 from radar_sense.units import ascii_unit, split_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure as Figure
+    from matplotlib.text import Annotation
+    from matplotlib.transforms import Bbox
 
 
 class Style(NamedTuple):
@@ -51,19 +48,14 @@ class Style(NamedTuple):
     ieee: bool = False
 
 
-STYLES: dict[str, Style] = dict(
-    zip(
-        STYLE_NAMES,
-        (
-            Style(3.5, 9.0, 1.0),
-            Style(7.16, 9.0, 1.0),
-            Style(13.33, 7.5, 1.75),
-            Style(3.5, 9.0, 1.125, ieee=True),
-        ),
-        strict=True,
-    )
-)
-DEFAULT_STYLE = STYLE_NAMES[0]
+#: By the names of `limits.STYLES`.
+STYLES = {
+    "one-column": Style(3.5, 9.0, 1.0),
+    "two-columns": Style(7.16, 9.0, 1.0),
+    "slides": Style(13.33, 7.5, 1.75),
+    "paper": Style(3.5, 9.0, 1.125, ieee=True),
+}
+DEFAULT_STYLE = "one-column"
 _STYLE_OF: WeakKeyDictionary[Figure, Style] = WeakKeyDictionary()
 #: Matplotlib's own sizes of ticks.
 _MAJOR = (("size", 3.5), ("width", 0.8), ("pad", 3.5))
@@ -159,6 +151,8 @@ def source_styles(sources: Sequence[str], radars: Sequence[str]) -> dict[str, tu
 
 def draw(plot: Callable[[Figure], object], footer: str, style: str = DEFAULT_STYLE) -> Figure:
     """Return a new figure, with a footer of small print, or raise ValueError for no such style."""
+    from matplotlib.figure import Figure
+
     check_choice("style", style, STYLES)
     page = STYLES[style]
     with apply_style(page):
@@ -215,25 +209,32 @@ class Given:
         """Return no small print."""
         return ""
 
-    def set_figheight(self, inches: float) -> None:
+    def set_figheight(self, _: object) -> None:
         """Leave the figure as it is."""
 
+    set_layout_engine = set_figheight
+
     def __getattr__(self, name: str) -> Any:
-        return getattr(self.axes[0].figure, name)
+        return getattr(self.figure, name)
+
+    @property
+    def figure(self) -> Figure:
+        """One's own figure; of a subfigure the whole."""
+        return self.axes[0].figure.figure
 
 
 def draw_on(plot: Callable[[Any], object], axes: Axes | Sequence[Axes]) -> Figure:
     """Draw on one's own axes, and return their figure."""
-    given = Given([axes] if isinstance(axes, Axes) else axes)
+    given = Given(np.ravel(np.asarray(axes, dtype=object)).tolist())
     plot(given)
-    figure = given.axes[0].get_figure()
-    assert isinstance(figure, Figure)
-    return figure
+    return given.figure
 
 
 def points(size: float) -> float:
     """Return a size, in points or inches, in the scale of the style."""
-    return size * float(mpl.rcParams["font.size"]) / _POINTS["font.size"]
+    from matplotlib import rcParams
+
+    return size * float(rcParams["font.size"]) / _POINTS["font.size"]
 
 
 def nominal_width(figure: Figure) -> float:
@@ -241,12 +242,14 @@ def nominal_width(figure: Figure) -> float:
     return figure.get_figwidth() / points(1.0)
 
 
-def colours_of_p_d() -> mpl.colors.Colormap:
+def colours_of_p_d() -> Colormap:
     """Return the colours of P_D on a map, and a red where there is no value.
 
     Their lightness grows with P_D, also in a grey print.
     """
-    return mpl.colormaps["cividis"].with_extremes(bad="lightcoral")
+    from matplotlib import colormaps
+
+    return colormaps["cividis"].with_extremes(bad="lightcoral")
 
 
 def add_small_print(figure: Figure, text: str) -> None:
@@ -293,6 +296,8 @@ def render(figure: Figure, kind: str) -> bytes:
 @contextmanager
 def apply_style(style: Style) -> Iterator[None]:
     """Apply a style to Matplotlib's defaults, without the user's settings."""
+    import matplotlib as mpl
+
     scaled = {key: style.scale * size for key, size in _POINTS.items()}
     font: dict[Any, Any] = (
         {"font.family": "STIXGeneral", "mathtext.fontset": "stix"} if style.ieee else {}
@@ -318,7 +323,9 @@ def contour_lines(
 
 def hex_colour(p_d: float) -> str:
     """Return the colour of P_D on a map as #rrggbb; a bound above 1 has the colour of 1."""
-    return mpl.colors.to_hex(colours_of_p_d()(p_d))
+    from matplotlib.colors import to_hex
+
+    return to_hex(colours_of_p_d()(p_d))
 
 
 def panels(figure: Figure, count: int) -> list[Axes]:
@@ -340,6 +347,9 @@ def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
     where most of them are off the lines. A ring beside a line has no number, if others have one.
     There is no ring right beside the rim.
     """
+    from matplotlib.patheffects import withStroke
+    from matplotlib.ticker import MaxNLocator
+
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
@@ -383,7 +393,7 @@ def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], Flo
         span, largest = np.ptp(coordinates), np.max(abs(coordinates))
         steps = shown.steps if span > 10 else DECIMAL  # parts of a degree or second are decimal
         ticks = 7 if span > 0.001 * largest else 3  # of numbers with many digits
-        axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=ticks, steps=steps))
+        axes[-1].locator_params(axis="x", nbins=ticks, steps=steps)
         axes[-1].ticklabel_format(axis="x", scilimits=(-3, 6))
     for ax in axes:
         ax.margins(x=0)
@@ -473,13 +483,16 @@ def coloured_line(
     x: FloatArray,
     y: FloatArray,
     values: FloatArray,
-    colours: mpl.colors.Colormap,
+    colours: Colormap,
     label: str,
 ) -> None:
     """Draw a line with the colour of a value from 0 to 1 at each point; a single point as a dot.
 
     A black edge with a white rim keeps the line visible on a map of the same colours.
     """
+    from matplotlib.collections import LineCollection
+    from matplotlib.patheffects import withStroke
+
     if len(x) == 1:
         axes.scatter(
             x, y, c=values, cmap=colours, vmin=0, vmax=1, s=points(4) ** 2, ec="black", label=label
@@ -498,30 +511,16 @@ def coloured_line(
         capstyle="round",
         rasterized=len(x) > MOST_POINTS,
     )
-    axes.plot(
-        x,
-        y,
-        color="black",
-        lw=points(1.8),
-        path_effects=rims,
-        solid_capstyle="butt",  # nothing stands out behind the marks of start and end
-        label=label,
-    )
+    # with a butt nothing stands out behind the marks of start and end
+    edge: dict[str, Any] = {"path_effects": rims, "solid_capstyle": "butt"}
+    axes.plot(x, y, color="black", lw=points(1.8), label=label, **edge)
     axes.add_collection(line)
 
 
 def mark(axes: Axes, places: FloatArray, marker: str, size: float, label: str) -> None:
     """Mark places north and east (n, 2 or more) on a map, white with a black edge."""
-    axes.plot(
-        places[:, 1],
-        places[:, 0],
-        marker,
-        color="white",
-        mec="black",
-        mew=points(0.7),
-        ms=points(size),
-        label=label,
-    )
+    edge: dict[str, Any] = {"mec": "black", "mew": points(0.7), "ms": points(size)}
+    axes.plot(places[:, 1], places[:, 0], marker, color="white", label=label, **edge)
 
 
 def draw_fill(
@@ -546,6 +545,9 @@ def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -
     Hundreds of lines over each other would be one grey area, and take most of the time of a figure.
     The coordinates x (n,) of the poses rise or fall.
     """
+    from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.lines import Line2D
+
     columns, height = _PICTURE
     order, low, high = np.argsort(x), rows.min(), rows.max()
     if low == high:  # nothing is uncertain
@@ -564,7 +566,7 @@ def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -
     passes = np.cumsum(changes.reshape(columns, height + 1), axis=1)[:, :-1].T
     picture = axes.imshow(
         np.log(np.where(passes > 0, passes, np.nan)),
-        cmap=mpl.colors.LinearSegmentedColormap.from_list("runs", SAMPLE_PATH_COLOURS, 12),
+        cmap=LinearSegmentedColormap.from_list("runs", SAMPLE_PATH_COLOURS, 12),
         extent=(edges[0], edges[-1], low, high),
         origin="lower",
         aspect="auto",
@@ -629,6 +631,9 @@ def label_points(axes: Axes, places: FloatArray, names: Sequence[str]) -> None:
     A name is to the right of the point, or on the side with the least overlap of axes, points and
     names.
     """
+    from matplotlib.patheffects import withStroke
+    from matplotlib.transforms import Bbox
+
     half = points(2.0) * axes.figure.dpi / 72.0  # of a point, in pixels
     middles = axes.transData.transform(places)
     taken = [Bbox([middle - half, middle + half]) for middle in middles]
@@ -650,5 +655,5 @@ def label_points(axes: Axes, places: FloatArray, names: Sequence[str]) -> None:
 
 def _common(box: Bbox, other: Bbox) -> float:
     """Return the area that two boxes have in common."""
-    common = Bbox.intersection(box, other)
+    common = box.intersection(box, other)
     return 0.0 if common is None else float(common.width * common.height)

@@ -376,33 +376,26 @@ def rows(named: Iterable[tuple[str, str]]) -> list[str]:
     return [f"  {name:{width}}  {words}" for name, words in pairs]
 
 
-#: A scenario, and mean and standard deviation of P_D (n,) by a method.
-Spread = tuple[Scenario, FloatArray, FloatArray]
-
-
-def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Spread]]) -> None:
-    """Add the largest 3 sigma of each radar of a network alone, at one level or at several."""
-    axis = result.scenario.axis
+def add_radars(result: Result, at_level: Mapping[str, Mapping[str, FloatArray]]) -> None:
+    """Add the largest 3σ of P_D by each radar of a network alone, from σ (n,) at each level."""
+    scenario, axis = result.scenario, result.scenario.axis
     found = {
-        level: {name: peak(3 * std, axis) for name, (_, _, std) in radars.items()}
+        level: {name: peak(3 * std, axis) for name, std in radars.items()}
         for level, radars in at_level.items()
     }
     (_, first), *others = found.items()
     if not first:
         return
     result.summary["largest_three_sigma_by_itself"] = found if others else first
-    result.report.append("largest 3 sigma of each radar alone:")
     lines = []
-    (radars, *_) = at_level.values()
-    for name, (radar, _, _) in radars.items():
-        tops = (
+    visible = scenario.model.visible(scenario.aircraft, scenario.radar)
+    for name, seen in zip(first, visible.T, strict=True):
+        tops = ", ".join(
             f"{level} " * bool(others) + describe_extreme(of_level[name], axis)
             for level, of_level in found.items()
         )
-        seen = radar.model.visible(radar.aircraft, radar.radar).any()
-        unseen = "" if seen else "; out of sight at every nominal pose"
-        lines.append((name, ", ".join(tops) + unseen))
-    result.report += rows(lines)
+        lines.append((name, tops + ("" if seen.any() else "; out of sight at every nominal pose")))
+    result.report += ["largest 3 sigma of each radar alone:", *rows(lines)]
 
 
 def level_and_method(scenario: Scenario) -> str:
@@ -416,7 +409,7 @@ def validity_warnings(
 ) -> Iterator[str]:
     """Yield where the band of the method is off, or not precise, and what to use there."""
     axis, method = scenario.axis, scenario.method
-    off = unreliable_in_scenario(scenario, moments, method=method, beta=k)
+    off = unreliable_in_scenario(scenario, moments, beta=k)
     outside = ((moments.lower < 0) | (moments.upper > 1)) & ~off
     yield from _of_std(scenario, moments.std, off, remedy)
     yield from placed("band-outside", outside, axis, f"the {method} {k:g}-sigma band leaves [0, 1]")

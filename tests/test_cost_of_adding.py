@@ -15,7 +15,7 @@ import pytest
 import yaml
 from helpers import ROOT, document, read_record, read_table
 
-from radar_sense.command import ONE_RADAR
+from radar_sense.options import ONE_RADAR
 
 OLD_MIN_RANGE = "        min_range=_min_range(stated, sheet),\n"
 KEY = {
@@ -32,12 +32,12 @@ CLOSEST = '''"""How close the aircraft comes to each radar."""
 
 from functools import partial
 
-from radar_sense import words
-from radar_sense.command import ONE_RADAR, Result, command
+from radar_sense import options, plotting, words
+from radar_sense.command import Result, command
 from radar_sense.model.geometry import slant_range
 
 
-@command(ONE_RADAR, examples=("radar-sense closest",))
+@command(options.ONE_RADAR, examples=("radar-sense closest",))
 def closest(scenario):
     """How close the aircraft comes to each radar."""
     axis, result = scenario.axis, Result(scenario)
@@ -58,8 +58,6 @@ def closest(scenario):
 
 
 def _draw(figure, axis, ranges):
-    from radar_sense import plotting
-
     (axes,), x = plotting.pose_panels(figure, 1, axis)
     for (name, distance), style in zip(ranges.items(), plotting.styles(), strict=False):
         plotting.draw_line(axes, x, distance / 1e3, style, label=name)

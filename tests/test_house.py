@@ -16,7 +16,7 @@ STOREYS = (
     ("scenario_file",),
     ("analyses",),
     ("plausibility",),
-    ("words", "page"),
+    ("words", "page", "options"),
     ("command",),
     ("plotting", "files"),
     ("acceptance", "coverage"),

@@ -8,18 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import words
+from radar_sense import options, plotting, words
 from radar_sense.analyses.required import OPTIONS, required_accuracy
-from radar_sense.command import (
-    LEVEL,
-    METHOD,
-    NUMBER_OF_RUNS,
-    ONE_RADAR,
-    SEED_OF_DRAWS,
-    Figure,
-    Result,
-    command,
-)
+from radar_sense.analyses.verdict import requirement
+from radar_sense.command import Figure, Result, command
+from radar_sense.errors import InputError
 from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
@@ -32,12 +25,12 @@ VISIBLE, MANY = 0.01, 6
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    replace(METHOD, help=f"{METHOD.help} montecarlo gives Sobol' indices."),
+    options.LEVEL,
+    options.ONE_RADAR,
+    replace(options.METHOD, help=f"{options.METHOD.help} montecarlo gives Sobol' indices."),
     *OPTIONS,
-    replace(NUMBER_OF_RUNS, help="Number of runs of --method montecarlo."),
-    SEED_OF_DRAWS,
+    replace(options.NUMBER_OF_RUNS, help="Number of runs of --method montecarlo."),
+    options.SEED_OF_DRAWS,
     examples=(
         "radar-sense budget",
         "radar-sense budget my.yaml --level low --no-plot",
@@ -66,7 +59,10 @@ def budget(
         InputError: If there is no such pose, or options do not go together.
     """
     axis, method, result = scenario.axis, scenario.method, Result(scenario)
-    needed, numbers = required_accuracy(scenario, target, threshold, at_least, k, probability, at)
+    asked = requirement(threshold, k, probability, at_least)
+    if asked is None and k is not None:
+        raise InputError("'k' needs 'threshold' or 'at_least'")
+    needed, numbers = required_accuracy(scenario, asked, target, at)
     result.report += needed
     found = error_budget(scenario, method)
     if at is not None:
@@ -193,8 +189,6 @@ def _know_first(scenario: Scenario, found: Budget) -> list[str]:
 
 def _draw(figure: Figure, result: Result, found: Budget) -> None:
     """Draw 3σ of all and of the sources, and of a single radar the parts, as thin lines."""
-    from radar_sense import plotting
-
     model, total = result.scenario.model, found.total
     radars = model.names if len(model.radars) > 1 else ()
     sources, parts = found.sources.values(), () if radars else found.parts.values()
@@ -220,8 +214,6 @@ def _draw(figure: Figure, result: Result, found: Budget) -> None:
 
 def _in_words(c: Contribution, radars: Collection[str]) -> str:
     """Return a source in words. A part of the constant is its parameter with the unit."""
-    from radar_sense.plotting import key_in_words
-
     if c.part_of:
-        return key_in_words(c.label)
+        return plotting.key_in_words(c.label)
     return c.name if c.name in radars else c.name.replace("_", " ")

@@ -10,21 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense import words
-from radar_sense.analyses.verdict import K
+from radar_sense import options, plotting, words
 from radar_sense.axis import Axis
-from radar_sense.command import (
-    DASK,
-    LEVEL,
-    NUMBER_OF_RUNS,
-    ONE_RADAR,
-    SAMPLER,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
-    Figure,
-    Result,
-    command,
-)
+from radar_sense.command import Figure, Result, command
 from radar_sense.cost import EMPHASIS, foresee
 from radar_sense.montecarlo.adaptive import ERRORS, draw_in_parts
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -40,18 +28,18 @@ COMPARED = {"bounds": ("lower", "upper"), "sigma": ("std",), "mean": ("mean",)}
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
+    options.LEVEL,
+    options.ONE_RADAR,
     replace(
-        NUMBER_OF_RUNS,
+        options.NUMBER_OF_RUNS,
         help="Number of plain runs, in place of draws with emphasis on the tails.",
         default_text="no plain runs",
     ),
-    SEED_OF_DRAWS,
-    SAMPLER,
-    K,
-    WORKER_THREADS,
-    DASK,
+    options.SEED_OF_DRAWS,
+    options.SAMPLER,
+    options.K,
+    options.WORKER_THREADS,
+    options.DASK,
     examples=(
         "radar-sense compare",
         "radar-sense compare my.yaml --level high --runs 1e5 --k 2",
@@ -209,8 +197,6 @@ def _draw(
     moments: Mapping[str, Moments],
 ) -> None:
     """Draw the bounds, and their differences from the draws with the noise of the draws."""
-    from radar_sense import plotting
-
     (top, bottom), x = plotting.pose_panels(figure, 2, axis)
     plotting.draw_fill(top, x, drawn.lower, drawn.upper, color="0.8", lw=0, label="reference")
     noise = ERRORS * np.maximum(error.lower, error.upper)

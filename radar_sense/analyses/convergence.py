@@ -7,17 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense.command import (
-    LEVEL,
-    ONE_RADAR,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
-    Axes,
-    Figure,
-    Option,
-    Result,
-    command,
-)
+from radar_sense import options, plotting
+from radar_sense.command import Axes, Figure, Option, Result, command
 from radar_sense.limits import Limit
 from radar_sense.montecarlo.convergence import (
     LARGEST_ERROR,
@@ -39,11 +30,11 @@ LIMIT = Limit(at_least=2, at_most=2**17, whole=True)
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
+    options.LEVEL,
+    options.ONE_RADAR,
     Option("runs", "Largest number of runs, rounded down to a power of two.", LIMIT),
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
+    options.SEED_OF_DRAWS,
+    options.WORKER_THREADS,
     examples=(
         "radar-sense convergence --runs 4096",
         "radar-sense convergence my.yaml --level high --runs 65536",
@@ -65,24 +56,19 @@ def convergence(scenario: Scenario, *, runs: int = 2**14, workers: int = 1) -> R
 
     result.table.add("runs", measured.runs.astype(float), "Number of runs.")
     names = {"mean": "the mean", "std": "sigma", "quantile": "the 3-sigma quantiles"}
+    last: dict[str, dict[str, dict[str, float]]] = {}
     for statistic, of in measured.errors.items():
+        last[statistic] = {}
         for kind, error in of.items():
             meaning = f"RMS error of {names[statistic]} by {kind} draws, in sigma of P_D."
             result.table.add(f"error_{statistic}_{kind}", error, meaning)
-
-    last = {
-        statistic: {
-            kind: {
+            times = of["random"][-1] / error[-1] if error[-1] > 0 else np.nan
+            last[statistic][kind] = {
                 "error": float(error[-1]),
                 "rate": rate(measured.runs, error),
-                "random_runs_for_the_same": float(runs * (of["random"][-1] / error[-1]) ** 2)
-                if error[-1] > 0
-                else float("nan"),
+                "random_runs_for_the_same": float(runs * times**2),
             }
-            for kind, error in of.items()
-        }
-        for statistic, of in measured.errors.items()
-    }
+
     result.summary |= {
         "runs": runs,
         "repetitions": REPLICATIONS,
@@ -116,34 +102,24 @@ def _warnings(measured: Convergence) -> Iterator[str]:
     if (count := len(measured.runs)) < RATE_SIZES:
         text = f"too few numbers of runs for a rate: {count}; take {2**RATE_SIZES} runs or more"
         yield warning("runs-few", text)
-    unknown, zero = measured.unknown, ~(measured.reference[1] > LEAST_STD)
+    axis, unknown, zero = measured.axis, measured.unknown, ~(measured.reference[1] > LEAST_STD)
     others = "" if np.all(zero | unknown) else "; the errors are of the other poses"
     text = "sigma of P_D, the unit of the errors, is"
-    yield from placed(
-        "sigma-zero", zero & ~unknown, measured.axis, f"{text} zero in the draws", others
-    )
-    yield from placed(
-        "reference-imprecise",
-        unknown,
-        measured.axis,
-        f"{text} known to no better than {LARGEST_ERROR:.0%}",
-        f"{others}; take more runs",
-    )
+    yield from placed("sigma-zero", zero & ~unknown, axis, f"{text} zero in the draws", others)
+    rough, more = f"{text} known to no better than {LARGEST_ERROR:.0%}", f"{others}; take more runs"
+    yield from placed("reference-imprecise", unknown, axis, rough, more)
 
 
 def _draw(figure: Figure, runs: FloatArray, errors: Mapping[str, Mapping[str, FloatArray]]) -> None:
     """Draw the errors of each statistic by number of runs."""
-    from radar_sense import plotting
-
     rows = plotting.panels(figure, len(STATISTICS))
     names = ("the mean", r"$\sigma$", r"the $3\,\sigma$ quantiles")
     labels = {"random": ("random", "o"), "sobol": ("Sobol\N{PRIME}", "s")}
     for axes, statistic, name in zip(rows, STATISTICS, names, strict=True):
         for (kind, error), style in zip(errors[statistic].items(), plotting.LINES, strict=False):
             label, marker = labels[kind]
-            of_first = {"label": label} if axes is rows[0] else {}
             size = plotting.points(2.8)
-            plotting.draw_line(axes, runs, error, style, marker=marker, ms=size, **of_first)
+            plotting.draw_line(axes, runs, error, style, marker=marker, ms=size, label=label)
         axes.set_ylabel(f"Error of {name},\nin $\\sigma$ of $P_D$")
         axes.set_xscale("log", base=2)
         axes.margins(x=0.03)
@@ -162,8 +138,6 @@ def _slope(axes: Axes, runs: FloatArray, start: float, power: float, name: str) 
     """Draw a power of the number of runs, to compare the lines with."""
     if len(runs) < 2:
         return
-    from radar_sense import plotting
-
     guide = start * (runs / runs[0]) ** power
     axes.plot(runs, guide, color="0.55", lw=plotting.points(0.7))
     middle, above = len(runs) // 2, power > -1

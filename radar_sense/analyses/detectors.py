@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from functools import partial
@@ -9,21 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense.analyses.margin import OPTIONS, margin
-from radar_sense.analyses.verdict import K
-from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Axes, Figure, Result, Table, command
+from radar_sense import options, plotting
+from radar_sense.analyses.margin import INTEGRATING, OPTIONS, margin
+from radar_sense.command import Axes, Figure, Result, Table, command
 from radar_sense.errors import InputError, counted
-from radar_sense.model.detectors import (
-    DETECTORS,
-    Detector,
-    Marcum,
-    Swerling1,
-    Swerling2,
-    Swerling3,
-    Swerling4,
-    linearize,
-    required_snr,
-)
+from radar_sense.model.detectors import DETECTORS, Detector, Swerling2, linearize, required_snr
 from radar_sense.scenario import Scenario
 from radar_sense.words import describe_detector, describe_extreme, peak
 
@@ -33,19 +24,18 @@ P_FAS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-12)
 SNR_DB = np.linspace(-10.0, 30.0, 401)
 #: Detectors that differ for a single pulse. Every other detector equals one of these.
 DISTINCT = ("north", "marcum", "swerling1", "swerling3")
-#: Numbers of integrated pulses, and the detectors that integrate.
+#: Numbers of integrated pulses.
 PULSES = (1, 10, 100)
-INTEGRATING = (Marcum, Swerling1, Swerling2, Swerling3, Swerling4)
 #: P_D whose signal-to-noise ratio is reported.
 REQUIRED = (0.5, 0.9)
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    METHOD,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD,
     *OPTIONS,
-    K,
+    options.K,
     examples=(
         "radar-sense detectors",
         "radar-sense detectors --p-d 0.9 --pulses 24",
@@ -64,7 +54,7 @@ def detectors(
     that make its SNR.
     """
     if p_d is not None:
-        return margin(scenario, p_d, pulses, INTEGRATING, 3.0 if k is None else k)
+        return margin(scenario, p_d, pulses, k or 3.0)
     for name, value in (("pulses", pulses), ("k", k)):
         if value is not None:
             raise InputError(f"'{name}' needs 'p_d'")
@@ -154,8 +144,6 @@ def _required(scenario: Scenario) -> tuple[list[dict[str, Any]], list[str]]:
 
 def _draw(figure: Figure, table: Table, chosen: float) -> None:
     """Draw P_D by detector, the error of North's approximation, and the slope of Swerling 2."""
-    from radar_sense import plotting
-
     (top, bottom, slope) = plotting.panels(figure, 3)
     p_fas = np.unique(table["p_fa"])
     snr_db = table["snr_db"][table["p_fa"] == chosen]
@@ -179,7 +167,7 @@ def _draw(figure: Figure, table: Table, chosen: float) -> None:
     top.set_ylabel(r"$P_D$")
     # Grey and black, because colours stand for detectors in the upper panel.
     others = [p for p in p_fas[::-1] if p != chosen]
-    dashes = [dash for _, dash in (*plotting.LINES[:4], plotting.LINES[5])]
+    dashes = itertools.cycle(dash for _, dash in (*plotting.LINES[:4], plotting.LINES[5]))
     styles = {p: ("0.45", dash) for p, dash in zip(others, dashes, strict=False)}
     for p_fa, style in {chosen: ("black", "-"), **styles}.items():
         error = table["north_less_marcum"][table["p_fa"] == p_fa]
@@ -187,14 +175,12 @@ def _draw(figure: Figure, table: Table, chosen: float) -> None:
     bottom.set_ylabel("North less Marcum")
     _draw_slopes(slope, table, chosen)
     slope.set_xlabel("Signal-to-noise ratio $S$ of a pulse [dB]")
-    slope.xaxis.set_major_locator(plotting.MaxNLocator(nbins=9))
+    slope.locator_params(axis="x", nbins=9)
     plotting.draw_legend(figure, top, bottom)
 
 
 def _draw_slopes(axes: Axes, table: Table, p_fa: float) -> None:
     """Draw dP_D/dB of Swerling 2 by the number of pulses, with dots where P_D is 0.5."""
-    from radar_sense import plotting
-
     rows = table["p_fa"] == p_fa
     snr_db = table["snr_db"][rows]
     slopes = {n: table[f"dp_d_per_db_swerling2_{n}"][rows] for n in PULSES}

@@ -11,20 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from radar_sense import options, plotting
 from radar_sense.analyses.map_export import geojson
-from radar_sense.analyses.verdict import K
-from radar_sense.command import (
-    COURSE_DEG,
-    DOWN_KM,
-    LEVEL,
-    METHOD_BUT_DRAWS,
-    ONE_RADAR,
-    WORKER_THREADS,
-    Figure,
-    Option,
-    Result,
-    command,
-)
+from radar_sense.command import Figure, Option, Result, command
 from radar_sense.coverage.grid import (
     Grid,
     Plane,
@@ -43,7 +32,7 @@ from radar_sense.propagation import AUTOMATIC, band_of_scenario, no_draws
 from radar_sense.propagation.automatic import ERRORS, LEAST_CHANGE, tolerance_of
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, POSITION, FloatArray, blocks
-from radar_sense.words import heading, placed, probability, warning
+from radar_sense.words import REMEDY, heading, placed, probability, warning
 
 #: Levels of P_D with contour lines, and with areas in the report.
 LEVELS = (0.1, 0.5, 0.9)
@@ -61,13 +50,14 @@ AROUND = "around radars and path"
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
+    options.LEVEL,
+    options.ONE_RADAR,
     Option("upper", "Show the upper bound in place of P_D.", flag=True),
-    replace(K, help="Number of sigma of --upper."),
+    replace(options.K, help="Number of sigma of --upper."),
     replace(
-        METHOD_BUT_DRAWS,
-        help=f"For --upper. {METHOD_BUT_DRAWS.help} automatic is form, checked in some cells.",
+        options.METHOD_BUT_DRAWS,
+        help=f"For --upper. {options.METHOD_BUT_DRAWS.help} "
+        "automatic is form, checked in some cells.",
     ),
     Option(
         "north_km",
@@ -88,8 +78,8 @@ AROUND = "around radars and path"
     Option(
         "step_km", "Distance of cells.", MAP_STEP_KM, "KM", default_text="1/500 of the longer side"
     ),
-    DOWN_KM,
-    COURSE_DEG,
+    options.DOWN_KM,
+    options.COURSE_DEG,
     Option(
         "p_d",
         "P_D of a contour line; may be given several times.",
@@ -98,7 +88,7 @@ AROUND = "around radars and path"
         multiple=True,
     ),
     Option("worst_heading", "Show the largest P_D over all headings.", flag=True),
-    WORKER_THREADS,
+    options.WORKER_THREADS,
     examples=(
         "radar-sense map",
         "radar-sense map my.yaml --upper --method probit --step-km 5",
@@ -220,7 +210,7 @@ def coverage_map(
     unknown = "at the route, the bound has no value" if upper else "at the route, P_D has no value"
     result.warnings += placed("no-value", np.isnan(route), scenario.axis, unknown)
     if off:
-        remedy = "use variance at poses there" if method == "form" else f"use --method {AUTOMATIC}"
+        remedy = "use variance at poses there" if method == "form" else REMEDY
         text = f"the {method} bound is off in some of the cells that were checked"
         by = f"{' and '.join(off.values())}, in others perhaps by more"
         result.warnings.append(warning("band-off", f"{text}: {by}; {remedy}"))
@@ -289,8 +279,6 @@ def _off_by_draws(cells: Grid, method: str, k: float) -> dict[str, str]:
 
 def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     """Draw the cells with contours, the route and the radars."""
-    from radar_sense import plotting
-
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
     bounded, worst = result.summary["shown"] != "p_d", "worst_heading_deg" in table

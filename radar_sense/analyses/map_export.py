@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from radar_sense import plotting
 from radar_sense.command import Result
 from radar_sense.coverage.grid import Grid
 from radar_sense.errors import InputError
@@ -47,8 +48,6 @@ def geojson(result: Result, cells: Grid, route: FloatArray) -> bytes:
 
 
 def _contours(result: Result, cells: Grid, origin: tuple[float, float, float]) -> Iterator[Feature]:
-    from radar_sense import plotting
-
     for column in dict.fromkeys(["p_d", result.summary["shown"]]):
         for level in result.summary["contours"]:
             values = result.table[column]
@@ -82,8 +81,6 @@ def _legs(
     result: Result, values: FloatArray, origin: tuple[float, float, float]
 ) -> Iterator[Feature]:
     """Yield the legs of the route with a value, each with the largest of the poses on the leg."""
-    from radar_sense import plotting
-
     places = geodesy.geodetic_from_ned(result.scenario.aircraft[:, POSITION], origin)
     column = result.summary["shown"]
     last = len(values) - 1

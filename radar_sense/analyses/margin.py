@@ -14,13 +14,21 @@ from numpy.typing import NDArray
 from scipy.constants import Boltzmann
 from scipy.special import ndtr, ndtri
 
-from radar_sense import words
+from radar_sense import plotting, words
 from radar_sense.axis import reached
 from radar_sense.command import Figure, Option, Result
 from radar_sense.covariance import variance_along
 from radar_sense.errors import InputError
 from radar_sense.limits import Limit
-from radar_sense.model.detectors import PULSES, Detector, Marcum, North, PulseDetector, required_snr
+from radar_sense.model.detectors import (
+    DETECTORS,
+    PULSES,
+    Detector,
+    Marcum,
+    North,
+    PulseDetector,
+    required_snr,
+)
 from radar_sense.model.geometry import radar_from_aircraft, slant_range
 from radar_sense.model.normal import density
 from radar_sense.model.radar import Radar
@@ -42,6 +50,8 @@ OPTIONS = (
     ),
     Option("pulses", "Pulses integrated, with --p-d.", PULSES, default_text="the radar's"),
 )
+#: The detectors that integrate pulses.
+INTEGRATING = [d for d in dict.fromkeys(DETECTORS.values()) if issubclass(d, PulseDetector)]
 #: Decibels of a unit of z. Φ(z) has the digits of margins up to 160 dB.
 SPAN = 20.0
 #: By how much a bound of a margin may be off [dB].
@@ -79,13 +89,7 @@ class Margin:
         return (words.decibels(snr) - self.needed_db) / SPAN, 1.0 / (NEPERS * SPAN * snr)
 
 
-def margin(
-    scenario: Scenario,
-    p_d: float,
-    pulses: int | None,
-    compared: Sequence[type[PulseDetector]],
-    k: float,
-) -> Result:
+def margin(scenario: Scenario, p_d: float, pulses: int | None, k: float) -> Result:
     """Return the SNR that a P_D needs, the margin left at the poses, and the terms of the SNR.
 
     The SNR that other detectors need is shown, too. Without a number of pulses, those of the
@@ -109,7 +113,7 @@ def margin(
     needed = needed_db(detector)
     after = {name: needed_db(d) for name, d in _steps(detector).items()}
     count = int(getattr(detector, "pulses", 1))
-    others = {words.describe_detector(d): needed_db(d) for d in (of(count) for of in compared)}
+    others = {words.describe_detector(d): needed_db(d) for d in (of(count) for of in INTEGRATING)}
     terms = snr_terms(scenario)
     left, lower, upper = _add_margin(result, terms["snr"][0], needed, k)
     meaning = "A term of the SNR in SI units, such as gain_dbi; snr is their sum."
@@ -211,7 +215,7 @@ def _add_margin(
     model = dataclasses.replace(radar.model, detector=Margin(middle))
     radars = (dataclasses.replace(radar.without_limits(), model=model),)
     free = dataclasses.replace(scenario, radars=radars)
-    lower, upper, off = _bounds(free, scenario.method, k)
+    lower, upper, off = _bounds(free, k)
     lower, upper = lower + (middle - needed_db), upper + (middle - needed_db)
     no_signal = lower + needed_db <= words.decibels(np.array(LEAST)) + 1e-6
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 0]
@@ -226,26 +230,19 @@ def _add_margin(
     missing, axis, method = np.isnan(lower) | np.isnan(upper), scenario.axis, scenario.method
     without = f"the {method} band of the margin has no value"
     result.warnings += words.placed("no-value", seen & missing, axis, without)
-    result.warnings += words.band_off(
-        seen & off & ~missing,
-        axis,
-        method,
-        f" by over {PRECISION_DB:g} dB",
-        f"{PRECISION_DB:g} dB",
-        " of the margin",
-    )
+    known, least = seen & off & ~missing, f"{PRECISION_DB:g} dB"
+    by = f" by over {least}"
+    result.warnings += words.band_off(known, axis, method, by, least, " of the margin")
     return left, lower, upper
 
 
-def _bounds(
-    free: Scenario, method: str, k: float
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def _bounds(free: Scenario, k: float) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return the bounds of the margin (n,) [dB], and where they are not right to `PRECISION_DB`.
 
     The scenario has a `Margin` as its detector.
     """
-    automatic = method == AUTOMATIC
-    smooth = {"linear": "probit", AUTOMATIC: "form"}.get(method, method)
+    automatic = free.method == AUTOMATIC
+    smooth = {"linear": "probit", AUTOMATIC: "form"}.get(free.method, free.method)
     band = band_of_scenario(free, method=smooth, beta=k)
     bounds = np.stack([band.lower, band.upper])
 
@@ -321,16 +318,13 @@ def _draw(
     title: str,
 ) -> None:
     """Draw losses, SNR, SNR that is needed, and margin with its bounds, as bars of one chain."""
-    from radar_sense import plotting
 
     def chain(changes: Mapping[str, float]) -> list[tuple[str, float, float]]:
         ends = np.cumsum([0.0, *changes.values()]).tolist()
         return list(zip(changes, ends, ends[1:], strict=False))
 
-    of_path = {"attenuation", "elevation_gain"} & {*terms}
-    losses = {
-        name: t for name, t in terms.items() if any(t) and (name.endswith("_db") or name in of_path)
-    }
+    of_path = "attenuation", "elevation_gain"
+    losses = {n: t for n, t in terms.items() if any(t) and (n.endswith("_db") or n in of_path)}
     (snr, of_snr), needed = terms["snr"], sum(changes.values())
     stds = {name: std for name, (_, std) in losses.items()} | {"SNR": of_snr}
     rest = (std for name, (_, std) in terms.items() if name not in {*losses, "snr"})

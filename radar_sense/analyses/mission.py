@@ -15,20 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from radar_sense import words
-from radar_sense.analyses.verdict import K
+from radar_sense import options, plotting, words
 from radar_sense.axis import Axis
-from radar_sense.command import (
-    LEVEL,
-    ONE_RADAR,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
-    Figure,
-    Option,
-    Result,
-    Table,
-    command,
-)
+from radar_sense.command import Figure, Option, Result, Table, command
 from radar_sense.cost import foresee
 from radar_sense.errors import InputError, counted
 from radar_sense.limits import RUNS, WINDOW, Limit
@@ -90,15 +79,15 @@ class Mission:
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
+    options.LEVEL,
+    options.ONE_RADAR,
     Option("track", "M N: a track is M detections in N looks in a row.", WINDOW, "M N", count=2),
     Option("m", "With --n: detections that start a track.", WINDOW),
     Option("n", "With --m: length of the window of consecutive looks, 12 at most.", WINDOW),
-    replace(K, help="Number of sigma of the band, 3 at most.", limit=REACHED),
+    replace(options.K, help="Number of sigma of the band, 3 at most.", limit=REACHED),
     Option("runs", "Also make this number of plain draws.", RUNS, default_text="none"),
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
+    options.SEED_OF_DRAWS,
+    options.WORKER_THREADS,
     examples=(
         "radar-sense mission my.yaml",
         "radar-sense mission my.yaml --track 3 5 --runs 10000",
@@ -163,31 +152,23 @@ def mission(
         "largest_standard_error_of_bounds": errors,
         "monte_carlo": None,
     }
-    periods = [radar.model.radars[0].scan_period for radar in looks.radars]
-    if radars:
-        result.summary["radars"] = {
-            one.radar: {
-                "scan_period_s": period,
-                "looks": len(times),
-                **_summaries(one, axis, k),
-            }
-            for one, period, times in zip(radars, periods, looks.times, strict=True)
-        }
     names = ["detection"] if window is None else ["detection", "track, {} of {}".format(*window)]
     for name, found in zip(names, network.events.values(), strict=True):
         result.report += _answer(name, found, scenario.level, axis, k)
     if radars:
-        result.report.append("each radar alone, by the end:")
-        rows = {
-            one.radar: ", ".join(
+        by_radar, rows = {}, []
+        periods = (radar.model.radars[0].scan_period for radar in looks.radars)
+        for one, period, times in zip(radars, periods, looks.times, strict=True):
+            numbers = {"scan_period_s": period, "looks": len(times)}
+            by_radar[one.radar] = {**numbers, **_summaries(one, axis, k)}
+            of_events = ", ".join(
                 f"{event.key} {words.probability(found.p[-1])}, "
                 f"on average {_mean(found)} ({_band(found, 'to')})"
                 for event, found in one.events.items()
             )
-            + f", every {period:g} s"
-            for one, period in zip(radars, periods, strict=True)
-        }
-        result.report += words.rows(rows.items())
+            rows.append((one.radar, f"{of_events}, every {period:g} s"))
+        result.summary["radars"] = by_radar
+        result.report += ["each radar alone, by the end:", *words.rows(rows)]
     if drawn:
         _add_differences(result, network, clipped, names, k)
     result.report.append(_describe_looks(looks))
@@ -378,8 +359,6 @@ def _draw(
     k: float,
 ) -> None:
     """Draw P_D of the looks, and the probability of each event with its band."""
-    from radar_sense import plotting
-
     network, *radars = missions
     (top, *below), x = plotting.pose_panels(figure, 2 if window is None else 3, scenario.axis)
     styles, thin = plotting.radar_styles([one.radar for one in radars]), plotting.points(0.8)

@@ -8,36 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense import words
-from radar_sense.analyses.verdict import K
-from radar_sense.command import (
-    DASK,
-    LEVEL,
-    METHOD_BUT_DRAWS,
-    NUMBER_OF_RUNS,
-    ONE_RADAR,
-    SAMPLER,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
-    Figure,
-    Result,
-    command,
-)
+from radar_sense import options, plotting, words
+from radar_sense.command import Figure, Result, command
 from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
 from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    METHOD_BUT_DRAWS,
-    K,
-    NUMBER_OF_RUNS,
-    SEED_OF_DRAWS,
-    SAMPLER,
-    WORKER_THREADS,
-    DASK,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD_BUT_DRAWS,
+    options.K,
+    options.NUMBER_OF_RUNS,
+    options.SEED_OF_DRAWS,
+    options.SAMPLER,
+    options.WORKER_THREADS,
+    options.DASK,
     examples=(
         "radar-sense montecarlo",
         "radar-sense montecarlo my.yaml --runs 1e6 --seed 7",
@@ -145,8 +132,6 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
 
 def _draw(figure: Figure, scenario: Scenario, mc: MonteCarlo, band_label: str) -> None:
     """Draw the first runs and the band, and both without the nominal P_D."""
-    from radar_sense import plotting
-
     p_d, paths, label = mc.band.p_d, mc.sample_paths, _runs_label(mc)
     (top, bottom), x = plotting.pose_panels(figure, 2, scenario.axis)
     plotting.draw_sample_paths(top, x, paths, label)
@@ -161,8 +146,6 @@ def _draw(figure: Figure, scenario: Scenario, mc: MonteCarlo, band_label: str) -
 
 def _draw_histogram(figure: Figure, scenario: Scenario, mc: MonteCarlo, band_label: str) -> None:
     """Draw a histogram of the first runs at the only pose."""
-    from radar_sense import plotting
-
     (axes,) = plotting.panels(figure, 1)
     colour = plotting.SAMPLE_PATH_COLOURS[1]
     axes.hist(mc.sample_paths[:, 0], bins=30, color=colour, label=_runs_label(mc))

@@ -9,21 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense.analyses.verdict import K
+from radar_sense import options, plotting, words
 from radar_sense.axis import Axis, reached
-from radar_sense.command import (
-    COURSE_DEG,
-    DOWN_KM,
-    LEVEL,
-    METHOD_BUT_DRAWS,
-    OF_RADAR,
-    ONE_RADAR,
-    Figure,
-    Option,
-    Result,
-    Table,
-    command,
-)
+from radar_sense.command import OF_RADAR, Figure, Option, Result, Table, command
 from radar_sense.cost import foresee
 from radar_sense.coverage.ranges import PRECISION, RangeAt, limit_of_radar, range_at
 from radar_sense.coverage.rays import END, FARTHEST, RAY, RAY_BY_LINEAR, rays, survey
@@ -31,19 +19,9 @@ from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.plausibility import height_of_option
 from radar_sense.progress import report
-from radar_sense.propagation import AUTOMATIC, no_draws
+from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
-from radar_sense.words import (
-    add_axis,
-    band_off,
-    describe_poses,
-    gathered,
-    heading,
-    level_and_method,
-    listed,
-    places,
-)
 
 #: Default P_D of the range.
 P_D = 0.5
@@ -57,9 +35,9 @@ ANGLES = {
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    METHOD_BUT_DRAWS,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD_BUT_DRAWS,
     Option(
         "p_d",
         "P_D at the range; may be given several times.",
@@ -74,9 +52,9 @@ ANGLES = {
         choices=(BEARING, ASPECT),
     ),
     Option("step_deg", "Step of the angle.", Limit(at_least=0.1, at_most=90), "DEG"),
-    K,
-    DOWN_KM,
-    COURSE_DEG,
+    options.K,
+    options.DOWN_KM,
+    options.COURSE_DEG,
     examples=(
         "radar-sense range",
         "radar-sense range my.yaml --p-d 0.1 --p-d 0.9 --method form",
@@ -115,17 +93,15 @@ def detection_range(
     result = Result(scenario)
     angle_deg = np.arange(0.0, 360.0 - 1e-9, step_deg)
     axis = Axis(f"{by}_deg", by, "deg", angle_deg, "g", 1e-9, f"{by}s", ANGLES[by])
-    options: dict[str, Any] = {
-        "by_aspect": by == ASPECT,
-        "down": None if down_km is None else down_km * 1e3,
-        "course": None if course_deg is None else math.radians(course_deg),
-    }
+    down = None if down_km is None else down_km * 1e3
+    course = None if course_deg is None else math.radians(course_deg)
     singles = single_radar_scenarios(scenario) or {"": scenario}
     rays_in_all = len(angle_deg) * len(singles)
     evaluations = rays_in_all * (RAY_BY_LINEAR if method == "linear" else RAY)
     foresee(f"{rays_in_all:,} rays", evaluations, less="rays of a longer --step-deg")
+    angle = np.deg2rad(angle_deg)
     surveys = {
-        name: survey(rays(single, np.deg2rad(angle_deg), **options))
+        name: survey(rays(single, angle, by_aspect=by == ASPECT, down=down, course=course))
         for name, single in singles.items()
     }
     ranges: dict[str, list[RangeAt]] = {}
@@ -133,7 +109,7 @@ def detection_range(
         report("radars", len(ranges), len(surveys))
         ranges[name] = [range_at(seen, value, method, k) for value in values]
 
-    add_axis(result.table, axis)
+    words.add_axis(result.table, axis)
     columns = [  # each range with the end of its names and the start of its meanings
         (at, f"{at.p_d:g}_{name}" if name else f"{at.p_d:g}", f"{OF_RADAR}{name}: " if name else "")
         for name, of_radar in ranges.items()
@@ -146,8 +122,8 @@ def detection_range(
 
     pose = next(iter(surveys.values())).all_rays.pose
     title = f"{0.0 - pose[DOWN] / 1e3:.4g} km above the origin"
-    title += "" if by == ASPECT else f", {heading(math.degrees(pose[YAW]))}"
-    chosen = level_and_method(scenario)
+    title += "" if by == ASPECT else f", {words.heading(math.degrees(pose[YAW]))}"
+    chosen = words.level_and_method(scenario)
     result.report += [f"slant range of detection by {by}, {title} ({chosen}):"]
     for name, of_radar in ranges.items():
         result.report += [f"{name}:"] if name else []
@@ -168,14 +144,14 @@ def detection_range(
     }
 
     off = {name: np.any([at.unreliable for at in group], axis=0) for name, group in ranges.items()}
-    instead = f"; use --method {AUTOMATIC}"
+    why, error = f"; {words.REMEDY}", f"{PRECISION:.0%}"
     warnings = [
         (name, text)
         for name, mask in off.items()
-        for text in band_off(mask, axis, method, instead, f"{PRECISION:.0%}", " of the range")
+        for text in words.band_off(mask, axis, method, why, error, " of the range")
     ]
     result.warnings += height_of_option(scenario, down_km)
-    result.warnings += gathered(warnings) if names else [text for _, text in warnings]
+    result.warnings += words.gathered(warnings) if names else [text for _, text in warnings]
     if not warnings and any(np.isfinite(at.std).any() for of in ranges.values() for at in of):
         checked = f"both ends of the band checked by draws on {rays_in_all:,} rays"
         result.report.append(f"method: {method}, {checked}")
@@ -254,7 +230,7 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
         first = f"{_km(greatest)} at every {axis.name}"
     else:
         first = " to ".join(
-            f"{_km(end)} {describe_poses(abs(at.slant - end) <= ALIKE * greatest, axis)}"
+            f"{_km(end)} {words.describe_poses(abs(at.slant - end) <= ALIKE * greatest, axis)}"
             for end in (least, greatest)
         )
     width = at.upper - at.lower
@@ -267,7 +243,7 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
     band = f"between {lower.removesuffix(' km')} and {upper} ({k:g} sigma)"
     shares = sorted(at.shares([widest]).items(), key=lambda item: -item[1])
     sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
-    end = f"; from {listed(sources)}" if sources else ""
+    end = f"; from {words.listed(sources)}" if sources else ""
     if alike and np.ptp(width) <= ALIKE * greatest:
         return [f"{first}, {band}{end}"]
     return [first, f"{middle}, {band}, where the band is widest, at {axis.at(widest)}{end}"]
@@ -298,7 +274,7 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
         ),
         f"still higher at {end}, {{}}; sigma has no value": at.reach.endless,
     }
-    said = (text.format(place) for text, place in places(masks, axis).items())
+    said = (text.format(place) for text, place in words.places(masks, axis).items())
     return [f"P_D {at.p_d:g}: {text}" for text in said]
 
 
@@ -312,38 +288,32 @@ def _draw(
     label: str,
 ) -> None:
     """Draw ranges and bands around each radar."""
-    from radar_sense import plotting
-
     width, count = plotting.nominal_width(figure), len(ranges)
     columns = min(count, int(width / (1.6 if count <= 6 else 1.1)))
     rows = -(-count // columns)
     plotting.set_height(figure, 3.3 if count == 1 else rows * (0.35 + min(width / columns, 1.75)))
     panels: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
-    angle, styles = np.deg2rad(angle_deg), plotting.radar_styles(list(ranges))
+    angle, styles = np.deg2rad(np.append(angle_deg, 360.0)), plotting.radar_styles(list(ranges))
+
+    def closed(distance: FloatArray) -> FloatArray:
+        """Return distances [km], with the first again at the end of the circle."""
+        return np.append(distance, distance[0]) / 1e3
+
     for panel, (name, of_radar) in zip(panels.flat, ranges.items(), strict=False):
         # of a network the colour is the radar, and the dashes are the P_D in every panel
-        own = [(styles[name][0] if name else colour, dashes) for colour, dashes in plotting.LINES]
+        own = ((styles[name][0] if name else colour, dash) for colour, dash in plotting.styles())
         for at, (colour, dashes) in zip(of_radar, own, strict=False):
             known = np.where(at.reach.endless, np.nan, at.slant)
-            lower, reach, upper = (
-                _closed(angle, values / 1e3) for values in (at.lower, known, at.upper)
-            )
+            lower, reach, upper = map(closed, (at.lower, known, at.upper))
             band = label if at is of_radar[0] else None
-            panel.fill_between(
-                reach[0], lower[1], upper[1], color=colour, alpha=0.22, lw=0, label=band
-            )
-            panel.plot(*reach, color=colour, ls=dashes, label=rf"$P_D$ = {at.p_d:g}")
+            panel.fill_between(angle, lower, upper, color=colour, alpha=0.22, lw=0, label=band)
+            panel.plot(angle, reach, color=colour, ls=dashes, label=rf"$P_D$ = {at.p_d:g}")
         # the data set the radius, and not a limit far beyond them
         farthest = 1.15 * max(float(np.nanmax([at.slant, at.upper])) for at in of_radar) / 1e3
-        limit = limits[name] / 1e3
+        limit = closed(limits[name])
         if limit.min() < farthest:
-            panel.plot(
-                *_closed(angle, limit),
-                color="0.35",
-                lw=plotting.points(0.8),
-                ls=":",
-                label="limit of the radar",
-            )
+            thin, text = plotting.points(0.8), "limit of the radar"
+            panel.plot(angle, limit, color="0.35", lw=thin, ls=":", label=text)
         names = plotting.ASPECTS if by == ASPECT else plotting.BEARINGS
         radius = "" if count > 1 else "Slant range [km]"
         panel.set_rlim(0, farthest or 1.0)
@@ -361,10 +331,3 @@ def _draw(
     drawn = panels.flat[:count]
     most = max(drawn, key=lambda panel: len(panel.get_legend_handles_labels()[1]))
     plotting.draw_legend(figure, most, title=unit + title)
-
-
-def _closed(angle: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return angles from 0 and values; of a full circle with the first point again at the end."""
-    if not math.isclose(len(angle) * angle[1], 2 * math.pi, rel_tol=1e-6):
-        return angle, values
-    return np.append(angle, 2 * math.pi), np.append(values, values[0])

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense import options, plotting
 from radar_sense.axis import Axis
-from radar_sense.command import ONE_RADAR, Figure, Result, command
+from radar_sense.command import Figure, Result, command
 from radar_sense.errors import InputError
 from radar_sense.model.geometry import body_vector, elevation_of
 from radar_sense.model.rcs import RCS
@@ -45,7 +46,7 @@ def pattern(rcs: RCS, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> Flo
     return rcs.cross_section(directions(azimuth_deg, elevation_deg))
 
 
-@command(ONE_RADAR, examples=("radar-sense rcs", "radar-sense rcs my.yaml --format png"))
+@command(options.ONE_RADAR, examples=("radar-sense rcs", "radar-sense rcs my.yaml --format png"))
 def rcs(scenario: Scenario) -> Result:
     """The radar cross section by aspect: a polar cut and a map.
 
@@ -185,8 +186,6 @@ def _in_words(name: str, values: FloatArray, mask: NDArray[np.bool_], whole: str
 
 def _draw(figure: Figure, model: RCS, seen_azimuth: FloatArray, seen_elevation: FloatArray) -> None:
     """Draw cuts at the horizon and at one elevation, and the map with the geometry's directions."""
-    from radar_sense import plotting
-
     if plotting.nominal_width(figure) > 5.0:
         plotting.set_height(figure, 2.8)
         grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.2))
@@ -223,34 +222,14 @@ def _draw(figure: Figure, model: RCS, seen_azimuth: FloatArray, seen_elevation: 
     )
     bar.ax.locator_params(nbins=6)
     if np.ptp(level) > 0.1:
-        contours = plane.contour(
-            azimuth,
-            elevation,
-            level,
-            6,
-            colors="white",
-            linestyles="-",
-            linewidths=plotting.points(0.3),
-        )
-        bar.add_lines(contours)
-    plane.plot(
-        seen_azimuth,
-        seen_elevation,
-        ".",
-        color=plotting.BAND[0],
-        ms=plotting.points(2.5),
-        label="the radar in the geometry",
-    )
+        line: dict[str, Any] = {"linestyles": "-", "linewidths": plotting.points(0.3)}
+        bar.add_lines(plane.contour(azimuth, elevation, level, 6, colors="white", **line))
+    dot: dict[str, Any] = {"color": plotting.BAND[0], "ms": plotting.points(2.5)}
+    plane.plot(seen_azimuth, seen_elevation, ".", label="the radar in the geometry", **dot)
     if isinstance(model, TableRCS) and model.elevation is not None:
-        plane.hlines(
-            np.rad2deg(model.elevation[[0, -1]]),
-            -180,
-            180,
-            colors="black",
-            linestyles="--",
-            lw=plotting.points(0.8),
-            label="ends of the table",
-        )
+        line = {"colors": "black", "linestyles": "--", "lw": plotting.points(0.8)}
+        ends = np.rad2deg(model.elevation[[0, -1]])
+        plane.hlines(ends, -180, 180, label="ends of the table", **line)
     plane.set(xlim=(-180, 180), ylim=(-90, 90))
     plane.set(xticks=range(-180, 181, 45), yticks=range(-90, 91, 45))
     plane.tick_params(axis="x", pad=plotting.points(7))  # clear of the lowest elevation

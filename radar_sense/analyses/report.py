@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense import files, progress
+from radar_sense import files, options, progress
 from radar_sense.analyses.budget import budget
 from radar_sense.analyses.check import overview
 from radar_sense.analyses.compare import compare
@@ -18,17 +18,7 @@ from radar_sense.analyses.map import coverage_map
 from radar_sense.analyses.mission import mission
 from radar_sense.analyses.range import detection_range
 from radar_sense.analyses.variance import variance
-from radar_sense.analyses.verdict import AT_LEAST, PROBABILITY, THRESHOLD, K
-from radar_sense.command import (
-    LEVEL,
-    METHOD,
-    ONE_RADAR,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
-    Command,
-    Result,
-    command,
-)
+from radar_sense.command import Command, Result, command
 from radar_sense.errors import InputError
 from radar_sense.page import Section, page
 from radar_sense.plausibility import plausibility_warnings
@@ -63,15 +53,15 @@ class Report(Result):
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    METHOD,
-    THRESHOLD,
-    AT_LEAST,
-    K,
-    PROBABILITY,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD,
+    options.THRESHOLD,
+    options.AT_LEAST,
+    options.K,
+    options.PROBABILITY,
+    options.SEED_OF_DRAWS,
+    options.WORKER_THREADS,
     examples=(
         "radar-sense report",
         "radar-sense report my.yaml --threshold 0.1 --k 3",
@@ -128,13 +118,13 @@ def report(
         asked = [of_one for of_one in asked if of_one[0] is not mission]
     warnings = plausibility_warnings(scenario)
     sections = [Section("check", "Who looks at whom?", overview(scenario), warnings)]
-    for done, (asks, question, poses, options) in enumerate(asked):
+    for done, (asks, question, poses, chosen) in enumerate(asked):
         progress.report("questions", done, len(asked))
         seen = {warning for section in sections for warning in section.warnings}
         if poses is not scenario:  # a sample has its poses far apart
             seen |= {*plausibility_warnings(poses)}
         try:
-            result = asks(poses, **options)
+            result = asks(poses, **chosen)
         except InputError as error:
             if asks is variance:  # a scenario may have no answer, but it has P_D
                 raise

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense import words
+from radar_sense import options, words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.accuracy import P_D_ITSELF, RequiredAccuracy, required_accuracies
-from radar_sense.analyses.verdict import AT_LEAST, PROBABILITY, THRESHOLD, K, condition, requirement
+from radar_sense.analyses.verdict import condition, side
 from radar_sense.axis import Axis
 from radar_sense.command import Option
 from radar_sense.errors import InputError
@@ -24,10 +24,14 @@ from radar_sense.sources import sources_of
 
 OPTIONS = (
     Option("target", "Also the accuracy at which 3 sigma is X.", TARGET, metavar="X"),
-    dataclasses.replace(THRESHOLD, help="Also the accuracy at which P_D + K sigma is P_MAX."),
-    dataclasses.replace(AT_LEAST, help="Also the accuracy at which P_D - K sigma is P_MIN."),
-    dataclasses.replace(K, help="Number of sigma of --threshold or --at-least."),
-    PROBABILITY,
+    dataclasses.replace(
+        options.THRESHOLD, help="Also the accuracy at which P_D + K sigma is P_MAX."
+    ),
+    dataclasses.replace(
+        options.AT_LEAST, help="Also the accuracy at which P_D - K sigma is P_MIN."
+    ),
+    dataclasses.replace(options.K, help="Number of sigma of --threshold or --at-least."),
+    options.PROBABILITY,
     Option(
         "at",
         "The pose looked at, and the only one of a limit: azimuth [deg], range [km], time [s] or "
@@ -40,57 +44,47 @@ OPTIONS = (
 
 
 def required_accuracy(
-    scenario: Scenario,
-    target: float | None,
-    threshold: float | None,
-    at_least: float | None,
-    k: float | None,
-    probability: float | None,
-    at: float | None,
+    scenario: Scenario, asked: Requirement | None, target: float | None, at: float | None
 ) -> tuple[list[str], dict[str, Any]]:
     """Return the largest factor on σ of each source, and of all, at which a limit holds.
 
-    The lines of the report and the numbers of the record are empty without a limit.
+    The limit is that of what is asked of P_D, or the target of 3σ. The lines of the report and the
+    numbers of the record are empty without a limit.
 
     Raises:
         InputError: If options do not go together, or there is no such pose.
     """
-    method, asked = scenario.method, requirement(threshold, k, probability, at_least)
-    kind, limit = ("target", target) if asked is None else ("threshold", asked.limit)
+    option = "target" if asked is None else "at_least" if asked.at_least else "threshold"
     if target is not None and asked is not None:
-        other = "threshold" if at_least is None else "at_least"
-        raise InputError(f"'target' and '{other}' exclude each other; give one of them")
-    if asked is None and k is not None:
-        raise InputError("'k' needs 'threshold' or 'at_least'")
+        raise InputError(f"'target' and '{option}' exclude each other; give one of them")
+    limit, method = target if asked is None else asked.limit, scenario.method
     if limit is None:
         return [], {}
     if method == MONTE_CARLO:
         others = ", ".join(m for m in METHODS if m != MONTE_CARLO)
-        what = kind if at_least is None else "at_least"
-        raise InputError(f"'{what}' needs one of the methods {others}")
-    k = None if asked is None else asked.k
+        raise InputError(f"'{option}' needs one of the methods {others}")
+    goal = asked or Requirement(limit)
     chosen = scenario if at is None else scenario.at_poses(np.array([scenario.axis.pose_at(at)]))
-    propagate = partial(band_of_scenario, method=method, beta=k or 3.0)
-    poses = refinement.resolve(chosen, propagate, asked or Requirement(limit))
+    propagate = partial(band_of_scenario, method=method, beta=goal.k)
+    poses = refinement.resolve(chosen, propagate, goal)
     if not poses.resolved:
         raise InputError(f"{refinement.unresolved()}, or one pose with 'at'")
     axis = poses.scenario.axis
     required = required_accuracies(
         poses.scenario,
         limit,
-        k=k,
-        at_least=at_least is not None,
-        itself=probability is None,
+        k=None if asked is None else asked.k,
+        at_least=goal.at_least,
+        itself=goal.probability is None,
         method=method,
     )
 
-    goal = f"3 sigma <= {limit:g}" if asked is None else condition(asked)
+    wanted = f"3 sigma <= {limit:g}" if asked is None else condition(asked)
     place = "at all poses" if at is None else f"at {axis.format(at)}"
     between = f" and at {poses.added} between them" if poses.added else ""
-    start = f"for {goal} {place}{between}, "
+    start = f"for {wanted} {place}{between}, "
     if required["all"].residual_from == P_D_ITSELF:
-        side = "above" if at_least is None else "below"
-        itself = f"P_D itself is {side}, most at {axis.format(required['all'].place)}"
+        itself = f"P_D itself is {side(goal)}, most at {axis.format(required['all'].place)}"
         lines = [f"{start}no better knowledge helps: {itself}"]
     else:
         lines = [f"{start}sigma of all sources or of one (others unchanged) must be:"]
@@ -99,10 +93,10 @@ def required_accuracy(
         **({"three_sigma": limit} if asked is None else asked.numbers),
         "poses": len(axis),
         "poses_between_rows": poses.added,
-        f"at_{axis.unit}": at,
+        f"at_{axis.unit or axis.key}": at,
         "required_accuracy": _by_source(required, axis),
     }
-    return lines, {kind: numbers}
+    return lines, {"target" if asked is None else "threshold": numbers}
 
 
 def _rows(required: Mapping[str, RequiredAccuracy], scenario: Scenario, axis: Axis) -> list[str]:

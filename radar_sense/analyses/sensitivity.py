@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-from radar_sense import words
+from radar_sense import options, plotting, words
 from radar_sense.axis import Axis
-from radar_sense.command import METHOD, ONE_RADAR, Figure, Result, command
+from radar_sense.command import Figure, Result, command
 from radar_sense.propagation import distribution, mean_and_std, std_off_in_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray
 
 
 @command(
-    ONE_RADAR,
-    METHOD,
+    options.ONE_RADAR,
+    options.METHOD,
     examples=(
         "radar-sense sensitivity",
         "radar-sense sensitivity my.yaml --out results",
@@ -45,7 +45,8 @@ def sensitivity(scenario: Scenario) -> Result:
     by_method = "" if method == "linear" else f" ({method})"
     result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
     result.report += words.rows((n, words.describe_extreme(top, axis)) for n, top in worst.items())
-    words.add_radars(result, alone)
+    stds = {level: {n: std for n, (_, _, std) in of.items()} for level, of in alone.items()}
+    words.add_radars(result, stds)
     of_radars = {
         f"{name} alone, {level}": radar
         for level, radars in alone.items()
@@ -62,13 +63,11 @@ def sensitivity(scenario: Scenario) -> Result:
     return result
 
 
-def _spread(scenario: Scenario) -> words.Spread:
+def _spread(scenario: Scenario) -> tuple[Scenario, FloatArray, FloatArray]:
     return scenario, *mean_and_std(distribution(scenario, scenario.method))
 
 
 def _draw(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray]) -> None:
-    from radar_sense import plotting
-
     (axes,), x = plotting.pose_panels(figure, 1, axis)
     for (level, three_sigma), style in zip(lines.items(), plotting.styles(), strict=False):
         plotting.draw_line(axes, x, three_sigma, style, label=level)

@@ -9,22 +9,12 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import words
+from radar_sense import options, plotting, words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import PathTest, path_test
-from radar_sense.analyses.verdict import (
-    AT_LEAST,
-    PROBABILITY,
-    THRESHOLD,
-    K,
-    beyond_in_words,
-    condition,
-    requirement,
-    side,
-    worst_band,
-)
+from radar_sense.analyses.verdict import beyond_in_words, condition, requirement, side, worst_band
 from radar_sense.axis import Axis, steps, widest_of_highest
-from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Option, Result, command
+from radar_sense.command import Figure, Option, Result, command
 from radar_sense.cost import RATE, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY
@@ -44,13 +34,18 @@ MAX_VALUES, SHOWN = 1000, 40
     Option("start", "First value.", ANY, metavar="START", positional=True),
     Option("stop", "Last value.", ANY, metavar="STOP", positional=True),
     Option("step", "Step from value to value.", ANY, metavar="STEP", positional=True),
-    LEVEL,
-    ONE_RADAR,
-    METHOD,
-    replace(THRESHOLD, help="Test P_D + K sigma <= P_MAX at every value; exit code 3 if at none."),
-    replace(AT_LEAST, help="Test P_D - K sigma >= P_MIN at every value; exit code 3 if at none."),
-    K,
-    PROBABILITY,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD,
+    replace(
+        options.THRESHOLD,
+        help="Test P_D + K sigma <= P_MAX at every value; exit code 3 if at none.",
+    ),
+    replace(
+        options.AT_LEAST, help="Test P_D - K sigma >= P_MIN at every value; exit code 3 if at none."
+    ),
+    options.K,
+    options.PROBABILITY,
     examples=(
         "radar-sense sweep radar.constant 50 250 25",
         "radar-sense sweep my.yaml geometry.down_km -12 -1 0.5 --threshold 0.1",
@@ -84,7 +79,7 @@ def sweep(
         values = steps(start, stop, step, MAX_VALUES)
     except InputError as error:
         raise InputError(f"step {error}") from error
-    required, method = requirement(threshold, k, probability, at_least), scenario.method
+    required = requirement(threshold, k, probability, at_least)
     k, limit = (k or 3.0, None) if required is None else (required.k, required.limit)
     column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
     axis = Axis(column, key, ascii_unit(key), values, ".12g", 0.0, "values", f"Value of {key}.")
@@ -98,13 +93,13 @@ def sweep(
     started = time.process_time()
     for done, (one, value) in enumerate(zip(scenarios, values, strict=True)):
         report("values", done, len(values))
-        moments = propagate_scenario(one, method=method, beta=k, p_max=limit)
+        moments = propagate_scenario(one, beta=k, p_max=limit)
         pose = widest_of_highest(sign * moments.p_d, moments.upper - moments.lower)
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
         bound = sign * np.max(sign * getattr(moments, end))
         extremes.append((*ends, bound, 3.0 * np.max(moments.std)))
         if required is not None:
-            tests.append(path_test(one, method, required, moments))
+            tests.append(path_test(one, one.method, required, moments))
         for text in (
             *plausibility_warnings(one),
             *words.validity_warnings(one, moments, k),
@@ -121,19 +116,14 @@ def sweep(
         bounds = np.array([tested.test.bound[tested.worst] for tested in tests])
 
     # the column of an entry of a list ends with the number of the entry, and not with the unit
-    result.table.add(column, values, axis.meaning, unit_name(key))
-    for name, numbers, meaning in (
-        (f"{most}_p_d", p_d, f"{largest.capitalize()} P_D of all poses."),
-        ("lower", lower, f"Lower bound of the {largest} P_D at {k:g} sigma."),
-        ("upper", upper, f"Upper bound of the {largest} P_D at {k:g} sigma."),
-        (
-            f"{most}_{end}",
-            bounds,
-            f"{largest.capitalize()} {end} bound of P_D at {k:g} sigma, at any pose.",
-        ),
-        ("largest_three_sigma", three_sigma, "Largest 3 sigma of P_D of all poses."),
-    ):
-        result.table.add(name, numbers, meaning)
+    add = result.table.add
+    add(column, values, axis.meaning, unit_name(key))
+    add(f"{most}_p_d", p_d, f"{largest.capitalize()} P_D of all poses.")
+    add("lower", lower, f"Lower bound of the {largest} P_D at {k:g} sigma.")
+    add("upper", upper, f"Upper bound of the {largest} P_D at {k:g} sigma.")
+    meaning = f"{largest.capitalize()} {end} bound of P_D at {k:g} sigma, at any pose."
+    add(f"{most}_{end}", bounds, meaning)
+    add("largest_three_sigma", three_sigma, "Largest 3 sigma of P_D of all poses.")
     result.summary["largest_three_sigma"] = words.peak(three_sigma, axis)
     bands = [words.describe_band(*ends[:3], k) for ends in extremes]
     if tests:
@@ -152,47 +142,33 @@ def sweep(
 
 def _add_tests(result: Result, axis: Axis, tests: list[PathTest]) -> list[str]:
     """Add the verdicts, and return the lines of the values: P_D at the worst pose, and verdict."""
-    required = tests[0].test.requirement
+    required, values = tests[0].test.requirement, axis.values
     verdicts = np.array([tested.test.verdict for tested in tests])
     holds, violated = verdicts == "holds", verdicts == "violated"
-    runs = [tested.decision.runs for tested in tests]
-    for name, numbers, meaning in (
-        (
-            "margin",
-            [t.test.margin[t.worst] for t in tests],
-            "How far the bound is within the limit.",
-        ),
-        ("violated", violated, "1 where the test is violated at a pose, else 0."),
-        ("not_known", ~holds & ~violated, "1 where the test has no answer, else 0."),
-        (
-            f"probability_{side(required)}",
-            [r.probability.max() for r in runs],
-            "Largest probability of P_D beyond the limit at a pose, in runs of the path.",
-        ),
-    ):
-        result.table.add(name, np.array(numbers, dtype=float), meaning)
-    places = words.places(
-        {"holds": holds, "VIOLATED": violated, "NOT KNOWN": ~holds & ~violated}, axis
-    )
+    unknown = ~holds & ~violated
+    margin = np.array([tested.test.margin[tested.worst] for tested in tests])
+    highest = np.array([tested.decision.runs.probability.max() for tested in tests])
+    add = result.table.add
+    add("margin", margin, "How far the bound is within the limit.")
+    add("violated", violated.astype(float), "1 where the test is violated at a pose, else 0.")
+    add("not_known", unknown.astype(float), "1 where the test has no answer, else 0.")
+    meaning = "Largest probability of P_D beyond the limit at a pose, in runs of the path."
+    add(f"probability_{side(required)}", highest, meaning)
+    masks = {"holds": holds, "VIOLATED": violated, "NOT KNOWN": unknown}
     result.report += [f"{condition(required)} by {axis.name}:"]
-    result.report += [f"{verdict} {place}" for verdict, place in places.items()]
+    result.report += [f"{word} {place}" for word, place in words.places(masks, axis).items()]
     result.summary["threshold"] = {
         **required.numbers,
-        **{
-            name: axis.values[mask].tolist()
-            for name, mask in {"holds": holds, "violated": violated}.items()
-        },
+        "holds": values[holds].tolist(),
+        "violated": values[violated].tolist(),
     }
     result.passed = bool(holds.any())
     lines = []
     for tested in tests:
-        above = tested.decision.runs
-        share = words.probability(above.probability.max())
-        shown = (
-            f"{share} where it is highest"
-            if above.counts.max()
-            else f"in none of {above.runs:,} runs"
-        )
+        beyond = tested.decision.runs
+        shown = f"in none of {beyond.runs:,} runs"
+        if beyond.counts.max():
+            shown = f"{words.probability(beyond.probability.max())} where it is highest"
         chance = f"{beyond_in_words(required)} {shown}"
         if not tested.path.resolved:
             chance = refinement.unresolved()
@@ -210,8 +186,6 @@ def _draw(
     k: float,
 ) -> None:
     """Draw the extreme P_D with its band, the extreme bound of any pose, and the threshold."""
-    from radar_sense import plotting
-
     p_d, lower, upper, bound = lines
     (axes,), x = plotting.pose_panels(figure, 1, axis)
     dots = {"marker": "o", "ms": plotting.points(1.8)} if len(x) <= SHOWN else {}

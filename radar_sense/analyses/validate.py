@@ -6,20 +6,9 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import words
-from radar_sense.analyses.verdict import K
+from radar_sense import options, plotting, words
 from radar_sense.axis import Axis
-from radar_sense.command import (
-    LEVEL,
-    METHOD_BUT_DRAWS,
-    ONE_RADAR,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
-    Figure,
-    Option,
-    Result,
-    command,
-)
+from radar_sense.command import Figure, Option, Result, command
 from radar_sense.errors import counted
 from radar_sense.montecarlo.adaptive import DIGITS, MOST_DRAWS, Verdict, judge
 from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
@@ -35,13 +24,13 @@ NAMES = {"mean": "mean", "std": "sigma", "lower": "lower bound", "upper": "upper
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    METHOD_BUT_DRAWS,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD_BUT_DRAWS,
     Option("digits", "Significant digits of the standard deviation that matter.", DIGITS),
-    K,
-    SEED_OF_DRAWS,
-    WORKER_THREADS,
+    options.K,
+    options.SEED_OF_DRAWS,
+    options.WORKER_THREADS,
     examples=(
         "radar-sense validate --digits 1",
         "radar-sense validate my.yaml --method form --digits 1",
@@ -69,26 +58,21 @@ def validate(scenario: Scenario, *, digits: int = 2, k: float = 3.0, workers: in
     words.add_axis(result.table, axis)
     words.add_band(result.table, band, k)
     words.add_draws(result.table, DrawStatistics(*verdict.drawn), k)
-    for name, values, meaning in (
-        ("delta", verdict.delta, "Numerical tolerance of P_D, from the digits of sigma."),
-        ("distance_lower", distance["lower"], "Distance of the method's lower bound."),
-        ("distance_upper", distance["upper"], "Distance of the method's upper bound."),
-        ("runs", verdict.draws.astype(float), "Number of draws with emphasis on the tails."),
-        (
-            f"coverage_{k:.12g}sigma",
-            plain.coverage,
-            f"Share of the plain draws within the {k:g}-sigma band.",
-        ),
-        ("coverage_low", low, "Lower end of the 95 % confidence interval of the coverage."),
-        ("coverage_high", high, "Upper end of the 95 % confidence interval of the coverage."),
-        ("stable", verdict.stable.astype(float), "1 where the draws are stable to the tolerance."),
-        ("validated", verdict.agrees.astype(float), "1 where the method agrees with the draws."),
-    ):
-        result.table.add(name, values, meaning)
+    add = result.table.add
+    add("delta", verdict.delta, "Numerical tolerance of P_D, from the digits of sigma.")
+    add("distance_lower", distance["lower"], "Distance of the method's lower bound.")
+    add("distance_upper", distance["upper"], "Distance of the method's upper bound.")
+    add("runs", verdict.draws.astype(float), "Number of draws with emphasis on the tails.")
+    meaning = f"Share of the plain draws within the {k:g}-sigma band."
+    add(f"coverage_{k:.12g}sigma", plain.coverage, meaning)
+    add("coverage_low", low, "Lower end of the 95 % confidence interval of the coverage.")
+    add("coverage_high", high, "Upper end of the 95 % confidence interval of the coverage.")
+    add("stable", verdict.stable.astype(float), "1 where the draws are stable to the tolerance.")
+    add("validated", verdict.agrees.astype(float), "1 where the method agrees with the draws.")
     words.add_mean(result.table, band.mean, method)
-    result.table.add("distance_mean", distance["mean"], "Distance of the method's mean.")
-    result.table.add("distance_sigma", distance["std"], "Distance of the method's sigma.")
-    result.table.add("error", error, "Largest standard error of mean, sigma and bounds by draws.")
+    add("distance_mean", distance["mean"], "Distance of the method's mean.")
+    add("distance_sigma", distance["std"], "Distance of the method's sigma.")
+    add("error", error, "Largest standard error of mean, sigma and bounds by draws.")
 
     ratio = verdict.distance / verdict.delta
     largest = dict(zip(NAMES, (words.peak(row, axis) for row in ratio), strict=True))
@@ -155,8 +139,6 @@ def _report(
 
 def _draw(figure: Figure, axis: Axis, verdict: Verdict, plain: MonteCarlo, method: str) -> None:
     """Draw the distances over the tolerance, the coverage, and where the method agrees."""
-    from radar_sense import plotting
-
     (top, bottom), x = plotting.pose_panels(figure, 2, axis)
     for axes in (top, bottom):
         label = f"{method} agrees" if axes is top else None
@@ -171,14 +153,7 @@ def _draw(figure: Figure, axis: Axis, verdict: Verdict, plain: MonteCarlo, metho
     label = f"{expected:.2f} %"
     bottom.axhline(expected, color="black", lw=plotting.points(0.8), label=label)
     low, high = plain.coverage_interval()
-    plotting.draw_fill(
-        bottom,
-        x,
-        100 * low,
-        100 * high,
-        color="0.5",
-        lw=plotting.points(0.4),
-        label="coverage (95 %)",
-    )
+    fill = {"color": "0.5", "lw": plotting.points(0.4), "label": "coverage (95 %)"}
+    plotting.draw_fill(bottom, x, 100 * low, 100 * high, **fill)
     bottom.set_ylabel("Coverage [%]")
     plotting.draw_legend(figure, top, bottom)

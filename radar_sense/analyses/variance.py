@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from radar_sense import words
+from radar_sense import options, plotting, words
 from radar_sense.acceptance.threshold import PathTest
-from radar_sense.analyses.verdict import AT_LEAST, PROBABILITY, THRESHOLD, K, require, requirement
+from radar_sense.analyses.verdict import require, requirement
 from radar_sense.axis import reached, widest_of_highest
-from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Figure, Result, Table, command
+from radar_sense.command import Figure, Result, Table, command
 from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
@@ -22,13 +22,13 @@ from radar_sense.states import POSITION, FloatArray
 
 
 @command(
-    LEVEL,
-    ONE_RADAR,
-    METHOD,
-    THRESHOLD,
-    AT_LEAST,
-    K,
-    PROBABILITY,
+    options.LEVEL,
+    options.ONE_RADAR,
+    options.METHOD,
+    options.THRESHOLD,
+    options.AT_LEAST,
+    options.K,
+    options.PROBABILITY,
     examples=(
         "radar-sense variance",
         "radar-sense variance my.yaml --level high --method form",
@@ -55,22 +55,22 @@ def variance(
     Raises:
         InputError: If an option is not allowed.
     """
-    axis, method, result = scenario.axis, scenario.method, Result(scenario)
+    axis, result = scenario.axis, Result(scenario)
     required = requirement(threshold, k, probability, at_least)
     k, limit = (k or 3.0, None) if required is None else (required.k, required.limit)
-    moments = propagate_scenario(scenario, method=method, p_max=limit if k == 3 else None)
+    moments = propagate_scenario(scenario, p_max=limit if k == 3 else None)
     band = moments
     if k != 3:
-        at_k = band_of_scenario(scenario, method=method, beta=k, p_max=limit)
+        at_k = band_of_scenario(scenario, method=scenario.method, beta=k, p_max=limit)
         band = replace(moments, **vars(at_k))
     by_radar = {
-        name: (radar, propagate_scenario(radar, method=method))
+        name: (radar, propagate_scenario(radar))
         for name, radar in single_radar_scenarios(scenario).items()
     }
 
     words.add_axis(result.table, axis)
     _add_band(result.table, scenario, moments)
-    words.add_mean(result.table, moments.mean, method)
+    words.add_mean(result.table, moments.mean, scenario.method)
     for name, (radar, of_radar) in by_radar.items():
         _add_band(result.table, radar, of_radar, name)
     if k != 3 and required is None:
@@ -85,8 +85,7 @@ def variance(
         f"largest 3 sigma of P_D ({words.level_and_method(scenario)}): "
         f"{words.describe_extreme(worst, axis)}",
     ]
-    alone = {name: (radar, m.mean, m.std) for name, (radar, m) in by_radar.items()}
-    words.add_radars(result, {scenario.level: alone})
+    words.add_radars(result, {scenario.level: {name: m.std for name, (_, m) in by_radar.items()}})
     result.warnings += words.validity_warnings(scenario, band, k)
     result.warnings += words.table_warnings(scenario)
     result.warnings += words.gathered(
@@ -136,12 +135,8 @@ def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: st
     if len(scenario.model.models) == 1:
         snr = scenario.model.snr(aircraft, radar).reshape(len(aircraft))
         sigma = scenario.radars[0].model.rcs.cross_section(body_vector(aircraft, radar))
-        table.add(
-            f"range_m{ending}",
-            slant_range(aircraft, radar),
-            f"{of_radar}Slant range to the radar.",
-            "m",
-        )
+        meaning = f"{of_radar}Slant range to the radar."
+        table.add(f"range_m{ending}", slant_range(aircraft, radar), meaning, "m")
         table.add(f"rcs_m2{ending}", sigma, f"{of_radar}RCS towards the radar.", "m²")
         meaning = f"{of_radar}Signal-to-noise ratio of a single pulse."
         table.add(f"snr_db{ending}", words.decibels(snr), meaning, "dB")
@@ -172,8 +167,6 @@ def _draw(
     tested: PathTest | None,
 ) -> None:
     """Draw P_D, its band, P_D by each radar, and the threshold, at the poses of the test."""
-    from radar_sense import plotting
-
     scenario = result.scenario
     if tested is not None:
         scenario, band = tested.path.scenario, tested.band

@@ -12,38 +12,13 @@ from radar_sense import words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
-from radar_sense.command import Option, Result
+from radar_sense.command import Result
 from radar_sense.errors import InputError
-from radar_sense.limits import ABOVE, P_MIN, SIGMAS
-from radar_sense.limits import THRESHOLD as P_MAX
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
 
 #: Digits of the place from which a bound is above, of the length of a path.
 DIGITS = 4
-
-THRESHOLD = Option(
-    "threshold",
-    "Test P_D + K sigma <= P_MAX at every pose, on a path between poses too; exit code 3 if the "
-    "test is violated or not known.",
-    P_MAX,
-    metavar="P_MAX",
-)
-AT_LEAST = Option(
-    "at_least",
-    "Test P_D - K sigma >= P_MIN, of radars that are to detect, at every pose, on a path between "
-    "poses too; exit code 3 if the test is violated or not known.",
-    P_MIN,
-    metavar="P_MIN",
-)
-K = Option("k", "Number of sigma of the band.", SIGMAS, metavar="K", default_text="3")
-PROBABILITY = Option(
-    "probability",
-    "Largest P(P_D > P_MAX), or P(P_D < P_MIN), that passes the test at a pose, in place of K: "
-    "0.01 corresponds to K 2.326. Unlike with K, P_D itself may be beyond the limit.",
-    ABOVE,
-    metavar="P",
-)
 
 
 def requirement(
@@ -100,19 +75,14 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
     tested = path_test(result.scenario, result.method, required, band)
     rows, test, where = tested.path.rows, tested.test, side(required)
     end, limit = ("lower", "P_MIN") if required.at_least else ("upper", "P_MAX")
-    column = f"{end}_{required.k:.12g}sigma"
-    for name, values, meaning in (
-        (column, test.bound, f"{end.capitalize()} bound of P_D at {required.k:g} sigma."),
-        ("margin", test.margin, f"How far the {end} bound of P_D is within {limit}."),
-        ("violated", test.violated.astype(float), "1 where the test is violated, else 0."),
-        ("not_known", test.unknown.astype(float), "1 where the test has no answer, else 0."),
-        (
-            f"probability_{where}",
-            tested.decision.runs.probability,
-            f"Share of the runs of the path with P_D {where} {limit}.",
-        ),
-    ):
-        result.table.add(name, values[rows], meaning)
+    column, add = f"{end}_{required.k:.12g}sigma", result.table.add
+    add(column, test.bound[rows], f"{end.capitalize()} bound of P_D at {required.k:g} sigma.")
+    add("margin", test.margin[rows], f"How far the {end} bound of P_D is within {limit}.")
+    violated, unknown = test.violated[rows].astype(float), test.unknown[rows].astype(float)
+    add("violated", violated, "1 where the test is violated, else 0.")
+    add("not_known", unknown, "1 where the test has no answer, else 0.")
+    meaning = f"Share of the runs of the path with P_D {where} {limit}."
+    add(f"probability_{where}", tested.decision.runs.probability[rows], meaning)
     result.summary["threshold"] = _summary(tested, column)
     result.report[:0] = _report(tested)
     result.passed = test.passed
@@ -120,8 +90,8 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
 
 
 def _unit(scenario: Scenario) -> str:
-    """Return the unit of the coordinate of `refinement`."""
-    return scenario.axis.unit if scenario.time_s is None else "s"
+    """Return the unit of the coordinate of `refinement`; steps between poses without one."""
+    return (scenario.axis.unit or "steps") if scenario.time_s is None else "s"
 
 
 def _summary(tested: PathTest, column: str) -> dict[str, Any]:

@@ -17,8 +17,9 @@ from helpers import (
     yaml_text,
 )
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
-from radar_sense import analyses, plotting
+from radar_sense import analyses, limits, plotting
 from radar_sense.command import Result
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import Band
@@ -276,6 +277,11 @@ def test_a_figure_fits_its_style(analysis, style):
     footer_off_all(figure)
 
 
+def test_styles_are_those_of_the_option():
+    assert tuple(plotting.STYLES) == limits.STYLES
+    assert limits.STYLES[0] == plotting.DEFAULT_STYLE
+
+
 def test_style_of_the_saved_figure_and_only_of_the_figure(tmp_path):
     result = at_few_poses("budget")
     for style in plotting.STYLES:
@@ -359,7 +365,7 @@ def test_very_many_poses_make_a_small_file():
 @pytest.mark.parametrize("count", [10_000, 10_001])
 def test_a_line_of_many_points_is_a_picture(count):
     """A million points of a vector are 10 MB and a minute."""
-    axes = plotting.Figure().subplots()
+    axes = Figure().subplots()
     x = np.linspace(0, 1, count)
     plotting.draw_line(axes, x, x**2, ("black", "-"))
     plotting.coloured_line(axes, x, x**2, x, "viridis", "route")
@@ -376,7 +382,7 @@ def test_the_picture_of_runs_counts_the_runs_through_each_pixel(count, falling):
     rng = np.random.default_rng(1)
     x, rows = np.linspace(0, 360, count), 0.1 * rng.random((3, count)) + [[0.0], [0.4], [0.8]]
     rows[1, count // 2] = 0.6  # a peak at one pose
-    axes = plotting.Figure().subplots()
+    axes = Figure().subplots()
     plotting.draw_sample_paths(axes, x[::-1] if falling else x, rows, "runs")
     (picture,) = axes.images
     passes = np.exp(picture.get_array().filled(-np.inf))
@@ -402,7 +408,7 @@ def test_many_runs_of_many_poses_make_a_picture_of_the_same_size():
     """A million poses took 2 GB, and minutes to draw."""
     shapes = set()
     for count in (3, 100_000):
-        axes = plotting.Figure().subplots()
+        axes = Figure().subplots()
         rows = np.random.default_rng(1).random((2, count))
         plotting.draw_sample_paths(axes, np.linspace(0, 1, count), rows, "runs")
         shapes.add(axes.images[0].get_array().shape)
@@ -416,7 +422,7 @@ def test_axes_of_ones_own(name):
     coarse = {"map": {"step_km": 50}, "range": {"step_deg": 30}}.get(name, {})
     result = analysis(load_scenario(), **coarse)
     count = len([axes for axes in result.plot().axes if axes.get_label() != "<colorbar>"])
-    figure = plotting.Figure()
+    figure = Figure()
     kinds_of = enumerate(kinds or [None] * count)
     own = [figure.add_subplot(count, 1, i + 1, projection=kind) for i, kind in kinds_of]
     assert result.plot(ax=own) is figure
@@ -429,7 +435,25 @@ def test_axes_of_ones_own(name):
         result.plot(ax=[*own, own[0]])
     if kinds:
         with pytest.raises(ValueError, match="panel 1 of this figure needs axes of"):
-            result.plot(ax=plotting.Figure().subplots(count, squeeze=False)[:, 0])
+            result.plot(ax=Figure().subplots(count, squeeze=False)[:, 0])
+
+
+def test_the_layout_of_ones_own_figure_stays():
+    """A layout cannot be changed beside a colour bar, and it is not the map's to change."""
+    result = analyses.map(load_scenario(), step_km=50)
+    figure = Figure(layout="tight")
+    left, right = figure.subplots(1, 2)
+    figure.colorbar(left.imshow(np.eye(2)), ax=left)
+    engine = figure.get_layout_engine()
+    assert result.plot(ax=right) is figure
+    assert figure.get_layout_engine() is engine
+
+
+def test_axes_of_a_subfigure():
+    figure = Figure()
+    axes = figure.subfigures(1, 2)[0].subplots()
+    assert analyses.variance(load_scenario()).plot(ax=axes) is figure
+    assert axes.lines
 
 
 def test_long_small_print_is_wrapped():

@@ -6,7 +6,7 @@ from helpers import CONFIGS, no_physics
 
 import radar_sense as rs
 from radar_sense import cli
-from radar_sense.command import LEVEL, NUMBER_OF_RUNS, ONE_RADAR, SEED_OF_DRAWS
+from radar_sense.options import LEVEL, NUMBER_OF_RUNS, ONE_RADAR, SEED_OF_DRAWS
 
 NETWORK = rs.load_scenario(CONFIGS / "network.yaml")
 ALL = {name: cli.load(name) for name in cli.commands()}

@@ -539,6 +539,18 @@ def farthest(constant, p_d=0.5):
     return (constant / (1.380649e-23 * snr)) ** 0.25
 
 
+def test_every_p_d_has_a_closed_line_of_its_own():
+    values = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]
+    result = rs.analyses.range(scenario(), p_d=values, step_deg=70, method="linear")
+    (axes,) = result.plot().axes
+    lines = {line.get_label(): line for line in axes.lines}
+    assert [name for name in lines if "P_D" in name] == [f"$P_D$ = {value:g}" for value in values]
+    for line in lines.values():
+        angle, distance = line.get_xydata().T
+        assert angle[[0, -1]].tolist() == [0, 2 * np.pi]
+        assert distance[0] == distance[-1]
+
+
 def test_a_range_between_two_samples_is_found():
     """P_D is 0.5 or more from 37 000 to 37 190 m, and the samples are 2 % apart."""
     s = parse_scenario(yaml_text(swerling1(min_range_km=37, radar__constant=5e-4)))

@@ -197,3 +197,13 @@ def test_the_threshold_is_drawn(k):
         assert all(end in (0, 180) or end % 10 == 5 for end in (left, right))  # half way
     np.testing.assert_array_equal(shaded, violated)
     assert 0 < violated.sum() < len(violated)
+
+
+def test_states_given_in_python_have_steps_for_a_unit():
+    s = scenario(analysis__method="linear")
+    s = s.at_states(s.aircraft[[0, 40, 90]])
+    found = rs.analyses.variance(s, threshold=0.5)
+    (line,) = (line for line in found.report if line.startswith("the bound is above"))
+    assert re.search(r"for 0\.\d+ of 2 steps \(\d+\.\d%\), first at pose 1\.\d+$", line)
+    assert {"above_steps", "total_steps"} < {*found.summary["threshold"]}
+    assert "at_pose" in rs.analyses.budget(s, target=0.05, at=1).summary["target"]
