@@ -64,15 +64,6 @@ class Route(ReadOnly):
         )
 
     @cached_property
-    def distance_m(self) -> FloatArray:
-        """Length of the path up to each pose (n,) [m], in straight lines from pose to pose."""
-        legs = np.diff(self.aircraft[:, POSITION], axis=0)
-        lengths = np.sqrt(np.sum(legs**2, axis=-1))
-        distance = np.concatenate([[0.0], np.cumsum(lengths)])
-        distance.flags.writeable = False
-        return distance
-
-    @cached_property
     def turning(self) -> Slerp:
         """The attitude as a function of time, for poses whose attitude was given."""
         from scipy.spatial.transform import Rotation, Slerp  # takes 0.25 s to import
@@ -193,6 +184,27 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
         attitude = attitude_of_motion("route", place, velocity, acceleration, route.origin)
     aircraft = np.hstack([position, attitude])
     return Route(time, aircraft, _covariance(route, time), route.attitude_given, route.origin)
+
+
+def distance_flown(route: Route, time: FloatArray, method: str = "legs") -> FloatArray:
+    """Return the length of the path (n,) [m] up to times (n,) [s], by a method of `resample`.
+
+    The curve from pose to pose, and to each row of the route, is the limit of its chords by
+    L. F. Richardson's extrapolation from two chords and from four.
+    """
+    points = np.union1d(route.time_s, time)
+    lengths = np.zeros(len(points))
+    for block in slices(len(points) - 1):
+        start, step = points[:-1][block], np.diff(points)[block]
+        parts = (start[:, np.newaxis] + step[:, np.newaxis] * np.linspace(0, 1, 5)).ravel()
+        motion = _legs if method == "legs" else _smooth
+        place = motion(route, parts)[0].reshape(-1, 5, 3)
+        two, four = (
+            np.sqrt(np.sum(np.diff(place[:, ::every], axis=1) ** 2, axis=-1)).sum(axis=-1)
+            for every in (2, 1)
+        )
+        lengths[1:][block] = four + (four - two) / 3.0
+    return np.interp(time, points, np.cumsum(lengths))
 
 
 def _covariance(route: Route, time: FloatArray) -> FloatArray | None:
