@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
 from radar_sense.model.track import attitude_of_motion
-from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, slices
+from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, real_array, slices
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
@@ -53,9 +53,11 @@ class Route(ReadOnly):
     origin: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.time_s, self.aircraft, self.covariance):
-            if array is not None:
+        for name in ("time_s", "aircraft", "covariance"):
+            if (values := getattr(self, name)) is not None:
+                array = real_array(name, values).view()  # the caller's own stays as it is
                 array.flags.writeable = False
+                object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
         return (

@@ -19,6 +19,7 @@ from routes import (
     triangle,
 )
 
+import radar_sense as rs
 from radar_sense.covariance import problem
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy as wgs84
@@ -288,6 +289,14 @@ def test_the_distance_on_a_leg_has_the_curve_of_the_earth(step):
     route = load(geodetic([0.0, 4000.0], place), origin=(0.0, 0.0, 0.0))
     found = distance_flown(route, np.arange(0, 4001, step))
     assert found[-1] == pytest.approx(0.3 * (6378137 + 10e3), rel=1e-6)
+
+
+def test_a_route_of_arrays_leaves_them_writable():
+    time = np.arange(3.0)
+    route = rs.Route(time, np.zeros((3, 6)).tolist(), None, True)
+    time[0] = -1.0
+    with pytest.raises(ValueError, match="read-only"):
+        route.aircraft[0, 0] = 1.0
 
 
 def test_one_pose_stays_one_pose():
