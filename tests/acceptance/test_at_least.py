@@ -7,7 +7,8 @@ from scipy.special import ndtr
 from test_between_rows import flight, radar
 from test_verdicts import drawn_p_d
 
-from radar_sense import accuracy, analyses
+from radar_sense import analyses
+from radar_sense.acceptance import accuracy
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide
 from radar_sense.errors import InputError
@@ -167,9 +168,9 @@ def test_options_that_exclude_each_other():
 
 def test_the_values_of_a_search_are_those_of_a_miss():
     s = scenario(geometry__azimuth_deg=POSES)
-    goal = accuracy._Goal(s, 0.5, 3.0, "automatic", of_miss=True)
+    search = accuracy._Search(s, Requirement(0.5, at_least=True), "automatic")
     found = estimate(s.states(), 1024, 3.0)
     (lower, _), (error, _) = found.bounds
-    values, errors = goal._value(found)
+    values, errors = search._value(found)
     np.testing.assert_array_equal(values, 1.0 - lower)
     np.testing.assert_array_equal(errors, error)
