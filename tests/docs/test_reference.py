@@ -52,14 +52,6 @@ def test_every_key_has_meaning_limits_and_an_example():
     assert count == sum(len(keys_of(section)) for section in make_reference.TITLES)
 
 
-def test_the_links_of_the_page_are_headings_of_the_page():
-    text = committed("scenario.md")
-    anchors = {make_reference.anchor(h) for h in re.findall(r"^## (.*)$", text, re.MULTILINE)}
-    links = set(re.findall(r"\]\(#([^)]*)\)", text))
-    assert links
-    assert links <= anchors
-
-
 def test_a_key_without_an_example_is_refused():
     key = Key("humidity", "humidity", "Humidity.", "", number(POSITIVE), None)
     with pytest.raises(KeyError, match="humidity has no example"):

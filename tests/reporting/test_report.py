@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import itertools
 import os
@@ -20,7 +19,6 @@ import pytest
 import yaml
 from helpers import (
     OVERHEAD,
-    ROOT,
     csv_text,
     document,
     few_draws,
@@ -403,15 +401,6 @@ def test_scenarios_in_which_something_has_no_answer(changes, options, monkeypatc
     text = Tree(rs.report(scenario(**few), **options).html()).root.text
     assert "nan" not in re.findall(r"\w+", text)
     assert "no answer: no <map>" in text
-
-
-def test_the_report_has_no_physics():
-    """Neither the command nor its page imports a model or draws by itself."""
-    for path in (ROOT / "radar_sense/analyses/report.py", ROOT / "radar_sense/page.py"):
-        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        homes = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
-        banned = ("radar_sense.model", "radar_sense.montecarlo", "radar_sense.mission")
-        assert not any(home.startswith(banned) for home in homes if home), path.name
 
 
 # In a browser.

@@ -266,19 +266,6 @@ def test_places_that_are_refused(tmp_path, text, changes, says):
         rs.load_scenario(file)
 
 
-def test_the_file_is_recorded_as_seen_from_here(tmp_path, monkeypatch):
-    (tmp_path / "below").mkdir()
-    write_path(tmp_path / "below", ROUTE)
-    monkeypatch.chdir(tmp_path)
-    resolved = rs.load_scenario("below/scenario.yaml").resolved()
-    assert resolved["geometry"]["file"] == "below/route.csv"  # no folder of this machine's
-    (tmp_path / "elsewhere").mkdir()
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    resolved = rs.load_scenario("../below/scenario.yaml").resolved()
-    assert resolved["geometry"]["file"] == "../below/route.csv"
-    assert rs.parse_scenario(yaml.safe_dump(resolved)).resolved() == resolved
-
-
 def test_an_rcs_table_warns_of_the_least_certain_attitude_of_all(tmp_path):
     assert "beyond" not in str(rcs(load(tmp_path, UNCERTAIN, aircraft__rcs=TABLE)).warnings)
     # 3 sigma of 11 deg of roll at the first pose alone: beyond the 30 deg of the table
