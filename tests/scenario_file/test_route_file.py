@@ -188,18 +188,6 @@ def test_the_size_of_the_blocks_changes_nothing(monkeypatch):
         np.testing.assert_array_equal(own, other)
 
 
-def test_a_covariance_of_roll_and_yaw_straight_up_is_refused():
-    # Level flight a quarter around the earth is straight down for the origin.
-    columns = {
-        **geodetic([0.0, 7.5], np.array([[0.0, 0.0, 0.0], [0.0, np.pi / 2, 0.0]])),
-        **dict(zip(ATTITUDE, ([0, 0], [0, 0], [90, 90]), strict=True)),
-    }
-    load(columns, origin=(0.0, 0.0, 0.0))
-    uncertain = load({**columns, **{name: [1, 1] for name in STD}}, origin=(0.0, 0.0, 0.0))
-    with refused("at time_s 7.5 ... straight up or down"):
-        in_frame(uncertain)
-
-
 def test_the_track_along_the_equator_is_level_where_the_aircraft_is():
     time = np.arange(0.0, 2000.0, 10.0)
     longitude = 250.0 / (wgs84.SEMI_MAJOR + 1e4) * time
