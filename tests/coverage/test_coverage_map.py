@@ -159,11 +159,7 @@ RCS = {
     "needle": {"model": "ellipsoid", "a_m": 1.5, "b_m": 0.02, "c_m": 0.05},
     "lobes": {"model": "spikeball", "lobes": 388, "amplitude_m2": 0.2, "floor_m2": 0.01},
     "constant": {"model": "constant", "rcs_m2": 0.1},
-    "table": {
-        "model": "table",
-        "file": str(CONFIGS / "synthetic_aircraft.csv"),
-        "mirror": True,
-    },
+    "table": {"model": "table", "file": str(CONFIGS / "synthetic_aircraft.csv"), "mirror": True},
 }
 
 

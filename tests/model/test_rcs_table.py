@@ -196,12 +196,7 @@ def within(rng, azimuth, elevation, width):
 
 @pytest.mark.parametrize(
     ("kind", "narrow"),
-    [
-        ("cut", 1e-3),
-        ("lobes", 1 * DEG),
-        ("part", 1e-3),
-        ("to the poles", 4 * DEG),
-    ],
+    [("cut", 1e-3), ("lobes", 1 * DEG), ("part", 1e-3), ("to the poles", 4 * DEG)],
 )
 def test_the_envelope_is_never_below_the_table_within_its_angle(kind, narrow):
     """At random directions, of which some are at nodes of the table."""
