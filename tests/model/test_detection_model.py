@@ -17,7 +17,6 @@ from scipy.special import erfcinv
 
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel, Linearization
-from radar_sense.model.detectors import North, linearize
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 
@@ -150,43 +149,6 @@ def test_partials_agree_with_eighty_digits(kind):
         )
         for name, error in block_errors(partials(lin), exact).items():
             assert error.max() < 1e-12, name
-
-
-def north_argument(snr, p_fa):
-    """The exact argument of erfc, and the most that rounding can have moved it: 2u of each root."""
-    with mp.workdps(oracle.DIGITS):
-        level, root = mp.sqrt(-mp.log(mpf(p_fa))), mp.sqrt(mpf(snr) + mpf("0.5"))
-        miss = level - root
-        return miss, float(2 * (level + root) + abs(miss)) * ROUNDING
-
-
-def condition_of_erfc(z):
-    """|erfc'(z) / erfc(z)|: the relative change of erfc for a small absolute change of z."""
-    with mp.workdps(oracle.DIGITS):
-        return float(2 / mp.sqrt(mp.pi) * mp.exp(-z * z) / mp.erfc(z))
-
-
-def own_error(z):
-    """Relative error of exp(−z²) or erfc(z) themselves, which round z² before they use it."""
-    return (max(float(z), 0.0) ** 2 + 8) * ROUNDING
-
-
-def test_small_p_fa_costs_no_more_than_the_conditioning():
-    rng = np.random.default_rng(4)
-    for _ in range(400):
-        p_fa, snr = 10.0 ** rng.uniform(-200, -2), 10.0 ** rng.uniform(-3, 3)
-        miss, moved = north_argument(snr, p_fa)
-        bound = condition_of_erfc(miss) * moved + own_error(miss)
-        assert bound < 1e-12  # at z = 21 it is 3e-13: conditioning excuses no more than that
-        value, slope = linearize(North(), snr, p_fa)
-        for found in (North().p_d(snr, p_fa), value):
-            assert relative_error(found, oracle.north(snr, p_fa)) < bound
-        if snr < 100:  # no digits of the slope are claimed where it underflows
-            with mp.workdps(oracle.DIGITS):
-                exact = mp.exp(-miss * miss) / (2 * mp.sqrt(mp.pi) * mp.sqrt(mpf(snr) + mpf("0.5")))
-            bound = 2 * abs(float(miss)) * moved + own_error(abs(miss))
-            assert bound < 1e-12
-            assert relative_error(slope, exact) < bound
 
 
 def test_body_vector_agrees_with_fifty_digits():
