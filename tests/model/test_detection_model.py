@@ -266,40 +266,6 @@ def test_states_that_do_not_fit_are_refused(aircraft, radar, says):
 # Propagation: A C A', correlations and all.
 
 
-def test_gum_h2_resistance_and_reactance():
-    """JCGM 100, H.2, from the observations of table H.2; u(X) is 0.2956, printed as 0.295."""
-    volts = [5.007, 4.994, 5.005, 4.990, 4.999]
-    amperes = [19.663e-3, 19.639e-3, 19.640e-3, 19.685e-3, 19.678e-3]
-    phases = [1.0456, 1.0438, 1.0468, 1.0428, 1.0433]
-    observations = np.array([volts, amperes, phases])
-    covariance = np.cov(observations) / 5  # of the means
-
-    # The observations are those that were meant: their means and moments are as printed.
-    volt, amp, phase = observations.mean(axis=1)
-    std = np.sqrt(np.diag(covariance))
-    assert_allclose([volt, amp, phase], [4.999, 19.661e-3, 1.04446], rtol=1e-12)
-    assert_allclose(std / [1, 1e-3, 1], [0.0032, 0.0095, 0.00075], rtol=0.01)
-    correlation = (covariance / np.outer(std, std))[[0, 0, 1], [1, 2, 2]]
-    assert_allclose(correlation, [-0.36, 0.86, -0.65], rtol=0, atol=0.005)
-
-    cos, sin = np.cos(phase), np.sin(phase)
-    jacobian = np.array(
-        [
-            [cos / amp, -volt * cos / amp**2, -volt * sin / amp],  # R = V cos φ / I
-            [sin / amp, -volt * sin / amp**2, volt * cos / amp],  # X = V sin φ / I
-            [1 / amp, -volt / amp**2, 0.0],  # Z = V / I
-        ]
-    )
-    uncertainty = np.sqrt(variance_along(jacobian, covariance))
-    assert uncertainty[[0, 2]] == pytest.approx([0.071, 0.236], abs=0.0005)
-    assert uncertainty[1] == pytest.approx(0.2956, abs=0.00005)
-    # Correlations of the results, printed too: var(R + X) = var R + var X + 2 cov(R, X).
-    for i, j, published in ((0, 1, -0.588), (0, 2, -0.485), (1, 2, 0.993)):
-        both = variance_along(jacobian[i] + jacobian[j], covariance)
-        shared = both - uncertainty[i] ** 2 - uncertainty[j] ** 2
-        assert shared / (2 * uncertainty[i] * uncertainty[j]) == pytest.approx(published, abs=5e-4)
-
-
 def random_covariance(rng, n, rank):
     """A full covariance (n, n) of that rank, its components of very different size."""
     root = rng.normal(size=(n, rank)) * 10.0 ** rng.uniform(-2, 2, (n, 1))
