@@ -436,9 +436,15 @@ def test_in_chromium(html, tmp_path):
             page.goto(path.as_uri())
             for width in (400, 800, 1400):
                 page.set_viewport_size({"width": width, "height": 900})
-                size = "[document.documentElement.scrollWidth, getComputedStyle(document.body)"
-                found, background = page.evaluate(f"() => {size}.backgroundColor]")
-                assert found == width
+                found, background, whole, scrolls = page.evaluate(
+                    """() => {
+                    const all = names => [...document.querySelectorAll(names)];
+                    return [document.documentElement.scrollWidth,
+                        getComputedStyle(document.body).backgroundColor,
+                        all('td, th, pre .words').every(n => n.scrollWidth <= n.clientWidth),
+                        all('pre').every(n => getComputedStyle(n).overflowX == 'auto')]}"""
+                )
+                assert (found, whole, scrolls) == (width, True, True)
                 backgrounds.add(background)
                 ends = page.evaluate(
                     "() => [...document.querySelectorAll('td, th, pre, pre .words, img')]"
@@ -446,14 +452,6 @@ def test_in_chromium(html, tmp_path):
                 )
                 assert len(ends) > 100
                 assert all(0 <= left <= right <= width for left, right in ends)
-                assert page.evaluate(
-                    "() => [...document.querySelectorAll('td, th, pre .words')]"
-                    ".every(node => node.scrollWidth <= node.clientWidth)"
-                )
-                assert page.evaluate(
-                    "() => [...document.querySelectorAll('pre')]"
-                    ".every(node => getComputedStyle(node).overflowX == 'auto')"
-                )
             assert not console
             assert [url for url in requests if not url.startswith("data:")] == [path.as_uri()]
         assert len(backgrounds) == 2
