@@ -100,7 +100,7 @@ def copy(tmp_path_factory):
     """Return a copy of the package with the additions, and what its documentation is made from."""
     folder = tmp_path_factory.mktemp("copy")
     for name in ("radar_sense", "configs"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / name, folder / name)  # with what Python has compiled
     (folder / "docs").mkdir()
     shutil.copy(ROOT / "docs/make_reference.py", folder / "docs")
     for name, (old, new) in KEY.items():
