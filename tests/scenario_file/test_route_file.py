@@ -31,7 +31,7 @@ from radar_sense.covariance import problem
 from radar_sense.model import geodesy as wgs84
 from radar_sense.model.track import covariance_in_frame
 from radar_sense.model.trajectory import resample
-from radar_sense.scenario_file import table_file, text_file
+from radar_sense.scenario_file import text_file
 
 G = 9.80665
 SIMPLE = f"{HEAD}\n0,0,0,-1000\n1,100,0,-1000\n2,200,0,-1000\n"
@@ -303,11 +303,7 @@ def test_an_origin_must_be_a_place_and_have_a_use():
             load(f"{GEO}\n0,0,0,0\n1,0,1,0\n", origin=wrong)
 
 
-def test_too_many_rows_and_too_large_a_file(monkeypatch):
-    monkeypatch.setattr(table_file, "MAX_ROWS", 3)
-    assert len(load(SIMPLE).time_s) == 3
-    with refused("route.csv:6: has more than 3 rows"):
-        load("\n" + SIMPLE + "3,300,0,0\n")
+def test_too_large_a_file(monkeypatch):
     monkeypatch.setattr(text_file, "MAX_BYTES", 2**20)
     with refused("is larger than 1 MiB"):
         load(SIMPLE + f"#{'x' * 2**15}\n" * 32)
