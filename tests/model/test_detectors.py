@@ -91,8 +91,14 @@ def test_the_complement_keeps_its_digits_where_p_d_rounds_to_one(detector):
     assert miss < mpf("1e-16")
     assert abs(mp.ncdf(-mpf(float(z))) / miss - 1) < mpf("1e-11")
     p_d = detector().p_d(np.array(0.01), 1e-200)
-    assert p_d < 1e-188
-    assert abs(p_d / ORACLES[detector](0.01, 1e-200)[0] - 1) < mpf("1e-12")
+    exact = ORACLES[detector](0.01, 1e-200)[0]
+    assert exact < 1e-188
+    assert abs(p_d / exact - 1) < mpf("1e-12")
+    z, by_snr = (mpf(float(v)) for v in detector().linearize_probit(np.array(0.01), 1e-200))
+    assert abs(mp.ncdf(z) / exact - 1) < mpf("1e-11")
+    with mp.workdps(60):
+        exact_slope = slope(ORACLES[detector], 0.01, 1e-200, 0) / mp.npdf(z)
+        assert abs(by_snr / exact_slope - 1) < mpf("1e-10")
 
 
 @pytest.mark.parametrize(("snr", "p_fa"), [(0.3, 0.1), (5.0, 1e-3), (40.0, 1e-6), (15.0, 1e-12)])
