@@ -166,7 +166,10 @@ def detection_range(
 def _add_bands(table: Table, at: RangeAt, label: str, of: str, k: float) -> None:
     """Add the range and its band."""
     first = f"{of}Farthest slant range with P_D {at.p_d:g}; 0 where there is none."
-    of_std = "Standard deviation of this range; NaN where a limit, or no range, is within 3 sigma."
+    of_std = (
+        "Standard deviation of this range; NaN where a limit comes first, and unless by linear "
+        "where a limit, or no range, is within 3 sigma."
+    )
     table.add(f"range_m_{label}", at.slant, first, "m")
     table.add(f"sigma_range_m_{label}", at.std, f"{of}{of_std}", "m")
     for end, bound in (("lower", at.lower), ("upper", at.upper)):
