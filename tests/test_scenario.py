@@ -131,6 +131,18 @@ def test_the_record_has_what_is_not_of_the_file():
         rs.parse_scenario(json.dumps(higher))
 
 
+def test_the_record_of_classes_of_ones_own_has_no_address():
+    """The same scenario has the same record in another process."""
+
+    class Sphere(rs.ConstantRCS):
+        __repr__ = object.__repr__
+
+    own = dataclasses.replace(MODEL, rcs=Sphere(1.0))
+    record = str(dataclasses.replace(scenario(), radars=[radar(model=own)]).resolved())
+    assert "Sphere object>" in record
+    assert "0x" not in record
+
+
 def test_a_network_whose_radars_moved_has_its_states_in_the_record(monkeypatch):
     monkeypatch.chdir(ROOT)
     s = corridor()
