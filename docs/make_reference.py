@@ -312,7 +312,9 @@ def commands_page() -> str:
         text += f"\n## `{name}`\n\n{about.strip()}\n\n```text\nradar-sense {usage}\n```\n\n"
         options = [p for p in command.params if isinstance(p, click.Option)]
         if options:
-            text += table(["option", "meaning", "default"], list(map(_option_row, options)))
+            text += table(
+                ["option", "meaning", "allowed", "default"], list(map(_option_row, options))
+            )
         lines = [line.strip() for line in examples.strip().splitlines()]
         text += "\n```console\n" + "".join(f"$ {line}\n" for line in lines) + "```\n"
         text += _columns(name)
@@ -344,7 +346,13 @@ def _option_row(option: click.Option) -> list[str]:
     if option.show_default:
         value = option.default
         default = " ".join(map(str, value)) if isinstance(value, (list, tuple)) else f"{value}"
-    return [f"`{', '.join(option.opts)}{metavar}`", about, default]
+    allowed = str(option.type.limit) if isinstance(option.type, cli.Number) else ""
+    return [
+        f"`{', '.join(option.opts)}{metavar}`",
+        about,
+        f"{allowed[:1].upper()}{allowed[1:]}",
+        default,
+    ]
 
 
 def warnings_section() -> str:
