@@ -151,9 +151,10 @@ def some_poses(patch, count=5):
         patch.setattr(name, few)
 
 
-def required(s, limit, *names, k=None, method="automatic"):
+def required(s, limit, *names, k=None, method="automatic", at_least=False):
     """Return the accuracy of some of the sources, which takes less than that of all."""
-    goal = accuracy._Goal(s, limit, k, method, of_miss=False)
+    limit = 1.0 - limit if at_least else limit
+    goal = accuracy._Goal(s, limit, k, method, of_miss=at_least)
     every = tuple(error_budget(s).sources)
     return {name: goal.required(every if name == "all" else (name,)) for name in names}
 
