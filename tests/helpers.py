@@ -27,11 +27,9 @@ from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar import Level, Radar
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.expansion import RelativeProbit, StandardNormalSpace
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file.load import default_text, load_scenario, parse_scenario
 from radar_sense.sources import error_budget
-from radar_sense.uncertain_states import uncertain_states
 
 # The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
 
@@ -498,12 +496,6 @@ def nonlinear_by_its_own_moments(scenario, method):
     """Return where (n,) a method's own moments of a scenario are unreliable."""
     moments = propagate_scenario(scenario, method=method)
     return unreliable_in_scenario(scenario, moments, method=method)
-
-
-def standard_normal_space(*states):
-    """Return z of the poses of uncertain states, as FORM expands it."""
-    probit = RelativeProbit(uncertain_states(*states)[1])
-    return StandardNormalSpace.expanded(probit, probit.derivatives())
 
 
 def radar_entry(name, /, **changes):
