@@ -20,7 +20,7 @@ import click
 import yaml
 
 import radar_sense
-from radar_sense import cli, words
+from radar_sense import cli
 from radar_sense.command import Command
 from radar_sense.limits import METHODS
 from radar_sense.scenario_file import declare
@@ -353,7 +353,8 @@ def warnings_section() -> str:
         "\n## Warnings\n\nA warning is one sentence that ends with its name in brackets. A name "
         "stays; the sentence may change. The record beside a table has the same warnings.\n"
     )
-    for name, meaning in sorted(words.WARNINGS.items()):
+    warnings = yaml.safe_load((ROOT / "docs/warnings.yaml").read_text())
+    for name, meaning in warnings.items():
         text += f"\n### `{name}`\n\n{meaning}\n"
     return text
 

@@ -37,4 +37,7 @@ def name_problem(
         for start in (f"{name}_constant_", f"error_{name}_constant_"):
             if any(row.startswith(start) for row in taken):
                 return f"radars cannot be named {', '.join(names)}: {start!r} begins parts of c_r"
+        if any(other.startswith(f"{name}_from_") for other in names):  # columns of the range
+            whose = f"{f'{name}_from_'!r} begins sources of the range of {name}"
+            return f"radars cannot be named {', '.join(names)}: {whose}"
     return None

@@ -16,7 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from click.testing import CliRunner
-from helpers import few_judging_draws
+from helpers import EXPLAINED, few_judging_draws
 
 from radar_sense import analyses
 from radar_sense import cli as command_line
@@ -25,7 +25,6 @@ from radar_sense.command import Command, Result, command
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file import place
 from radar_sense.scenario_file.load import default_text
-from radar_sense.words import WARNINGS
 
 # The same scenarios are read again and again, and PyYAML takes 20 ms for one of a hundred lines.
 # Each reader gets nodes of its own.
@@ -83,7 +82,7 @@ def every_result_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
         for warning in result.warnings:
             name = warning.rpartition(" [")[2]
             assert name.endswith("]"), warning
-            assert name[:-1] in WARNINGS, warning
+            assert name[:-1] in EXPLAINED, warning
         if isinstance(result, Result):
             assert list(result.columns) == list(result.table)
         return result

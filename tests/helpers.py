@@ -34,6 +34,8 @@ from radar_sense.sources import error_budget
 # The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
 
 ROOT = Path(__file__).parents[1]
+#: Names of the warnings that the documentation explains.
+EXPLAINED = yaml.safe_load((ROOT / "docs/warnings.yaml").read_text())
 CONFIGS = ROOT / "configs"
 
 #: Sources of the error budget of a single radar whose RCS and attenuation are certain.

@@ -15,6 +15,7 @@ from radar_sense.limits import DEG
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar_constant import Tolerance, moments, relative_std
+from radar_sense.model.trajectory import distance_flown
 from radar_sense.plausibility import banks
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, FloatArray
@@ -49,8 +50,9 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
     height = Horizon(scenario.origin).height(scenario.aircraft)
     if isinstance(geometry, Path) and len(geometry.axis) > 1:
         route = geometry.route
-        speed = np.diff(route.distance_m) / np.diff(route.time_s)
-        duration, length = np.ptp(route.time_s), route.distance_m[-1] / 1e3
+        distance = distance_flown(route, route.time_s, geometry.method)
+        speed = np.diff(distance) / np.diff(route.time_s)
+        duration, length = np.ptp(route.time_s), distance[-1] / 1e3
         clock = timedelta(seconds=round(duration))
         lines.append(f"path: {duration:.6g} s ({clock}), {length:.4g} km, speed {_span(speed)} m/s")
     above = "the ellipsoid" if scenario.origin is not None else "the origin"

@@ -11,8 +11,16 @@ import numpy as np
 
 from radar_sense import options, plotting, words
 from radar_sense.acceptance import refinement
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import PathTest, path_test
-from radar_sense.analyses.verdict import beyond_in_words, condition, requirement, side, worst_band
+from radar_sense.analyses.verdict import (
+    beyond_in_words,
+    condition,
+    limit_in_words,
+    requirement,
+    side,
+    worst_band,
+)
 from radar_sense.axis import Axis, steps, widest_of_highest
 from radar_sense.command import Figure, Option, Result, command
 from radar_sense.cost import RATE, foresee
@@ -96,8 +104,9 @@ def sweep(
         moments = propagate_scenario(one, beta=k, p_max=limit)
         pose = widest_of_highest(sign * moments.p_d, moments.upper - moments.lower)
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
-        bound = sign * np.max(sign * getattr(moments, end))
-        extremes.append((*ends, bound, 3.0 * np.max(moments.std)))
+        # of the poses that have a value
+        bound = sign * words.peak(sign * getattr(moments, end), one.axis)["value"]
+        extremes.append((*ends, bound, 3.0 * words.peak(moments.std, one.axis)["value"]))
         if required is not None:
             tests.append(path_test(one, one.method, required, moments))
         for text in (
@@ -136,7 +145,7 @@ def sweep(
         result.report += words.rows(zip(map(axis.format, values), bands, strict=True))
     result.warnings += words.gathered(found)
     lines = (p_d, lower, upper, bounds)
-    result.draw = partial(_draw, axis=axis, lines=lines, largest=largest, limit=limit, k=k)
+    result.draw = partial(_draw, axis=axis, lines=lines, largest=largest, required=required, k=k)
     return result
 
 
@@ -182,7 +191,7 @@ def _draw(
     axis: Axis,
     lines: tuple[FloatArray, ...],
     largest: str,
-    limit: float | None,
+    required: Requirement | None,
     k: float,
 ) -> None:
     """Draw the extreme P_D with its band, the extreme bound of any pose, and the threshold."""
@@ -194,8 +203,8 @@ def _draw(
     plotting.draw_band(axes, x, lower, upper, rf"its band of ${k:.4g}\,\sigma$")
     if np.any((bound > upper) | (bound < lower)):
         plotting.draw_line(axes, x, bound, ("black", ":"), label=f"{largest} bound")
-    if limit is not None:
-        label = f"threshold {limit:g}"
-        axes.axhline(limit, color="black", lw=plotting.points(0.8), ls="--", label=label)
+    if required is not None:
+        lw, label = plotting.points(0.8), limit_in_words(required)
+        axes.axhline(required.limit, color="black", lw=lw, ls="--", label=label)
     axes.set_ylabel(r"Probability of detection $P_D$")
     plotting.draw_legend(figure, axes)

@@ -10,7 +10,7 @@ import numpy as np
 
 from radar_sense import options, plotting, words
 from radar_sense.acceptance.threshold import PathTest
-from radar_sense.analyses.verdict import require, requirement
+from radar_sense.analyses.verdict import limit_in_words, require, requirement
 from radar_sense.axis import reached, widest_of_highest
 from radar_sense.command import Figure, Result, Table, command
 from radar_sense.flight import Radial
@@ -138,7 +138,7 @@ def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: st
         meaning = f"{of_radar}Slant range to the radar."
         table.add(f"range_m{ending}", slant_range(aircraft, radar), meaning, "m")
         table.add(f"rcs_m2{ending}", sigma, f"{of_radar}RCS towards the radar.", "m²")
-        meaning = f"{of_radar}Signal-to-noise ratio of a single pulse."
+        meaning = f"{of_radar}Signal-to-noise ratio of a single pulse, -inf beyond a limit."
         table.add(f"snr_db{ending}", words.decibels(snr), meaning, "dB")
     words.add_band(table, moments, radar=radar_name)
 
@@ -182,9 +182,8 @@ def _draw(
     label = rf"band of ${k:.4g}\,\sigma$ ({scenario.level})"
     plotting.draw_band(axes, x, band.lower, band.upper, label)
     if tested is not None:
-        limit = tested.test.requirement.limit
-        label = f"threshold {limit:g}"
-        axes.axhline(limit, color="black", lw=plotting.points(0.8), ls=":", label=label)
+        required, lw = tested.test.requirement, plotting.points(0.8)
+        axes.axhline(required.limit, color="black", lw=lw, ls=":", label=limit_in_words(required))
         plotting.draw_shade(axes, tested.test.violated, x, label="violated")
     axes.set_ylabel(r"Probability of detection $P_D$")
     for snr_axes in others:

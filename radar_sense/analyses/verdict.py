@@ -56,6 +56,11 @@ def condition(required: Requirement) -> str:
     return f"P_D {sign} {required.k:g} sigma {relation} {required.limit:g}"
 
 
+def limit_in_words(required: Requirement) -> str:
+    """Return the name of the limit in figures, with its value."""
+    return f"{'least $P_D$' if required.at_least else 'threshold'} {required.limit:g}"
+
+
 def beyond_in_words(required: Requirement) -> str:
     """Return the probability of P_D beyond the limit, in words."""
     return f"P(P_D {'<' if required.at_least else '>'} {required.limit:g})"
@@ -164,9 +169,9 @@ def _report(tested: PathTest) -> list[str]:
         first = float(np.interp(test.first_beyond, np.arange(len(axis)), axis.values))
         first = round(first, DIGITS - math.ceil(math.log10(test.total)))
         lines += [
-            f"the bound is {side(required)} {required.limit:g} for {test.beyond:.4g} of "
-            f"{test.total:.6g} "
-            f"{_unit(scenario)} ({_share(test):.1%}), first at {axis.format(first)}"
+            f"the bound is {side(required)} {required.limit:g} for about {test.beyond:.3g} of "
+            f"{test.total:.6g} {_unit(scenario)} ({_share(test):.1%}), "
+            f"first at {axis.format(first)}"
         ]
     lines += _probability_lines(tested)
     if test.violated.any():

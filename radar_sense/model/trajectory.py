@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
 from radar_sense.model.track import attitude_of_motion
-from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, slices
+from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, real_array, slices
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
@@ -53,24 +53,17 @@ class Route(ReadOnly):
     origin: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.time_s, self.aircraft, self.covariance):
-            if array is not None:
+        for name in ("time_s", "aircraft", "covariance"):
+            if (values := getattr(self, name)) is not None:
+                array = real_array(name, values).view()  # the caller's own stays as it is
                 array.flags.writeable = False
+                object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
         return (
             f"<Route: {len(self.time_s)} poses, time {self.time_s[0]:.13g} "
             f"to {self.time_s[-1]:.13g} s>"
         )
-
-    @cached_property
-    def distance_m(self) -> FloatArray:
-        """Length of the path up to each pose (n,) [m], in straight lines from pose to pose."""
-        legs = np.diff(self.aircraft[:, POSITION], axis=0)
-        lengths = np.sqrt(np.sum(legs**2, axis=-1))
-        distance = np.concatenate([[0.0], np.cumsum(lengths)])
-        distance.flags.writeable = False
-        return distance
 
     @cached_property
     def turning(self) -> Slerp:
@@ -193,6 +186,27 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
         attitude = attitude_of_motion("route", place, velocity, acceleration, route.origin)
     aircraft = np.hstack([position, attitude])
     return Route(time, aircraft, _covariance(route, time), route.attitude_given, route.origin)
+
+
+def distance_flown(route: Route, time: FloatArray, method: str = "legs") -> FloatArray:
+    """Return the length of the path (n,) [m] up to times (n,) [s], by a method of `resample`.
+
+    The curve from pose to pose, and to each row of the route, is the limit of its chords by
+    L. F. Richardson's extrapolation from two chords and from four.
+    """
+    points = np.union1d(route.time_s, time)
+    lengths = np.zeros(len(points))
+    for block in slices(len(points) - 1):
+        start, step = points[:-1][block], np.diff(points)[block]
+        parts = (start[:, np.newaxis] + step[:, np.newaxis] * np.linspace(0, 1, 5)).ravel()
+        motion = _legs if method == "legs" else _smooth
+        place = motion(route, parts)[0].reshape(-1, 5, 3)
+        two, four = (
+            np.sqrt(np.sum(np.diff(place[:, ::every], axis=1) ** 2, axis=-1)).sum(axis=-1)
+            for every in (2, 1)
+        )
+        lengths[1:][block] = four + (four - two) / 3.0
+    return np.interp(time, points, np.cumsum(lengths))
 
 
 def _covariance(route: Route, time: FloatArray) -> FloatArray | None:

@@ -16,7 +16,7 @@ from radar_sense.model.geometry import body_vector, elevation_of, slant_range
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
-from radar_sense.model.trajectory import MAX_ROWS, resample
+from radar_sense.model.trajectory import MAX_ROWS, distance_flown, resample
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.build_radar import radars_of
@@ -111,9 +111,10 @@ def _path(stated: sections.Path) -> Path:
             route = resample(flight, float(between.step_s), between.method)
         except InputError as error:
             raise between.place.error(f"{error}") from error
+    method = between.method if between else "legs"
     along = axis.time(route.time_s)
-    if stated.axis == "distance":  # along the rows of the file, whatever the step is
-        along = axis.distance(np.interp(route.time_s, flight.time_s, flight.distance_m))
+    if stated.axis == "distance":
+        along = axis.distance(distance_flown(flight, route.time_s, method))
     return Path(
         along,
         route.aircraft,
@@ -121,7 +122,7 @@ def _path(stated: sections.Path) -> Path:
         time_s=route.time_s,
         origin=route.origin,
         flight=flight if between else None,
-        method=between.method if between else "legs",
+        method=method,
         sea_level=stated.geoid_height_m or 0.0,
     )
 

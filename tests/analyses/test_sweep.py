@@ -33,6 +33,19 @@ def test_each_row_is_what_variance_says_of_the_value(method):
         assert found["largest_three_sigma"][row] == 3 * one.table["sigma_pd"].max()
 
 
+def test_the_largest_values_are_of_the_poses_that_have_one():
+    """First order has no value straight above the radar, and `variance` leaves the pose out."""
+    ellipsoid = {"model": "ellipsoid", "a_m": 0.15, "b_m": 0.13, "c_m": 0.21}
+    above = {"geometry.range_km": {"start": 0, "stop": 60, "step": 20}, "radar.horizon": False}
+    s = rs.load_scenario(CONFIG, changes={**above, "aircraft.rcs": ellipsoid})
+    key = "uncertainty.aircraft.position_m"
+    found = analyses.sweep(s, method="linear", key=key, start=50, stop=100, step=50)
+    own = analyses.variance(s, method="linear").table
+    assert np.isnan(own["sigma_pd"][0])
+    assert found.table["largest_three_sigma"][0] == 3 * np.nanmax(own["sigma_pd"])
+    assert found.table["highest_upper"][0] == np.nanmax(own["upper_3sigma"])
+
+
 def test_the_answer_of_a_threshold_is_where_it_holds():
     result = analyses.sweep(rs.load_scenario(), threshold=0.7, **SWEPT)
     heading = "P_D + 3 sigma <= 0.7 by radar.constant:"

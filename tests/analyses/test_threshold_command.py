@@ -204,6 +204,6 @@ def test_states_given_in_python_have_steps_for_a_unit():
     s = s.at_states(s.aircraft[[0, 40, 90]])
     found = rs.analyses.variance(s, threshold=0.5)
     (line,) = (line for line in found.report if line.startswith("the bound is above"))
-    assert re.search(r"for 0\.\d+ of 2 steps \(\d+\.\d%\), first at pose 1\.\d+$", line)
+    assert re.search(r"for about 0\.\d+ of 2 steps \(\d+\.\d%\), first at pose 1\.\d+$", line)
     assert {"above_steps", "total_steps"} < {*found.summary["threshold"]}
     assert "at_pose" in rs.analyses.budget(s, target=0.05, at=1).summary["target"]

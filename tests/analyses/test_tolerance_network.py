@@ -185,6 +185,12 @@ def test_names_that_a_part_may_have_are_refused(tool, names):
     assert name_problem(["a", "b", "a_loss_db", "a_constan"]) is None
 
 
+def test_names_that_a_column_of_the_range_may_have_are_refused():
+    """The second sigma_range_m_0.5_a_from_aircraft_position would overwrite the first."""
+    assert "'a_from_' begins" in name_problem(["b", "a_from_aircraft_position", "a"])
+    assert name_problem(["a_from", "b_from_a", "a"]) is None
+
+
 def test_the_name_of_a_radar_changes_no_number():
     """A radar may be named like the RCS, which is another source of the budget."""
     content = mixed_document()

@@ -4,7 +4,7 @@ import importlib.util
 import re
 
 import pytest
-from helpers import ROOT, few_draws, small_batches
+from helpers import EXPLAINED, ROOT, few_draws, small_batches
 
 import radar_sense as rs
 from radar_sense import cli
@@ -24,6 +24,12 @@ def test_the_committed_files_are_what_is_made(monkeypatch):
     few_draws(monkeypatch)
     for path, text in make_reference.pages().items():
         assert path.read_text(encoding="utf-8") == text, f"{path.name}: run `make reference`"
+
+
+def test_every_warning_that_is_explained_exists():
+    """The other way, a result with a warning that is not explained fails in every test."""
+    code = "".join(path.read_text() for path in (ROOT / "radar_sense").rglob("*.py"))
+    assert [name for name in EXPLAINED if f'"{name}"' not in code] == []
 
 
 def committed(page):

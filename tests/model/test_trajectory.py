@@ -19,11 +19,12 @@ from routes import (
     triangle,
 )
 
+import radar_sense as rs
 from radar_sense.covariance import problem
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy as wgs84
 from radar_sense.model.track import attitude_from_motion, motion_of_samples
-from radar_sense.model.trajectory import resample
+from radar_sense.model.trajectory import distance_flown, resample
 
 G = 9.80665
 FULL = ",".join([HEAD, *ATTITUDE])
@@ -151,7 +152,9 @@ def test_legs_are_flown_straight_and_level():
     climbs, turned = math.atan2(10, 100), np.pi / 2
     expected = [[0, climbs, 0]] * 4 + [[0, 0, turned]] * 5
     np.testing.assert_allclose(found.aircraft[:, 3:], expected, atol=1e-15)
-    np.testing.assert_allclose(found.distance_m[-1], math.hypot(1000, 100) + 2000)
+    distance = distance_flown(corner(), found.time_s)
+    first, rest = np.linspace(0, math.hypot(1000, 100), 5), np.linspace(500, 2000, 4)
+    np.testing.assert_allclose(distance, [*first, *(first[-1] + rest)], rtol=1e-14)
     assert not found.attitude_given
 
 
@@ -261,6 +264,39 @@ def test_legs_follow_the_curve_of_the_earth():
     np.testing.assert_allclose(yaw, np.pi / 2, atol=1e-12)
     speed = 10 * DEG * 6.3836e6 / 4000
     np.testing.assert_allclose(pitch, math.atan2(0.25, speed), rtol=0.01)
+
+
+@pytest.mark.parametrize("step", [7.0, 60.0, 360.0])
+def test_the_distance_on_a_smooth_path_is_the_length_of_the_curve(step):
+    """A circle of 3 km flown through six samples a turn. Straight lines are 5 % shorter."""
+    turn = np.deg2rad(np.arange(0, 721, 60.0))
+    columns = {"north_m": 3e3 * np.sin(turn), "east_m": 3e3 * np.cos(turn), "down_m": 0 * turn}
+    route = load({"time_s": np.rad2deg(turn), **columns})
+    found = resample(route, step, "smooth")
+    dense = resample(route, 0.01, "smooth")
+    lengths = np.linalg.norm(np.diff(dense.aircraft[:, :3], axis=0), axis=-1)
+    expected = np.interp(found.time_s, dense.time_s[1:], np.cumsum(lengths), left=0.0)
+    np.testing.assert_allclose(
+        distance_flown(route, found.time_s, "smooth"), expected, rtol=5e-5, atol=1e-9
+    )
+    assert expected[-1] == pytest.approx(4 * np.pi * 3e3, rel=0.02)
+
+
+@pytest.mark.parametrize("step", [100.0, 4000.0])
+def test_the_distance_on_a_leg_has_the_curve_of_the_earth(step):
+    """Along the equator, a circle of 6378137 m, 10 km above it."""
+    place = np.array([[0.0, -0.2, 10e3], [0.0, 0.1, 10e3]])
+    route = load(geodetic([0.0, 4000.0], place), origin=(0.0, 0.0, 0.0))
+    found = distance_flown(route, np.arange(0, 4001, step))
+    assert found[-1] == pytest.approx(0.3 * (6378137 + 10e3), rel=1e-6)
+
+
+def test_a_route_of_arrays_leaves_them_writable():
+    time = np.arange(3.0)
+    route = rs.Route(time, np.zeros((3, 6)).tolist(), None, True)
+    time[0] = -1.0
+    with pytest.raises(ValueError, match="read-only"):
+        route.aircraft[0, 0] = 1.0
 
 
 def test_one_pose_stays_one_pose():

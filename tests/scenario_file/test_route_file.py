@@ -43,12 +43,11 @@ pytestmark = pytest.mark.usefixtures("here")
 # The content of a file.
 
 
-def test_a_route_has_times_states_and_distance():
+def test_a_route_has_times_and_states():
     found = load(SIMPLE)
     np.testing.assert_array_equal(found.time_s, [0, 1, 2])
     np.testing.assert_array_equal(found.aircraft[:, :3], [[n, 0, -1000] for n in (0, 100, 200)])
     np.testing.assert_array_equal(found.aircraft[:, 3:], 0.0)
-    np.testing.assert_array_equal(found.distance_m, [0, 100, 200])
     assert found.covariance is None
     assert not found.attitude_given
     assert found.origin is None
@@ -74,7 +73,6 @@ def test_attitude_and_standard_deviations():
     np.testing.assert_allclose(found.aircraft, [[1, 2, 3, *DEG * np.array([10, -20, 300])]], 1e-15)
     std = [1, 2, 3, 0.1 * DEG, 0.2 * DEG, 0.3 * DEG]
     np.testing.assert_allclose(found.covariance, [np.diag(np.square(std))])
-    np.testing.assert_array_equal(found.distance_m, [0])
 
 
 @pytest.mark.parametrize("rank", [1, 3, 6])
