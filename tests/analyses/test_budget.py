@@ -346,7 +346,7 @@ def test_a_source_without_a_value_is_not_dominant():
     """`form` has no value for the orientation at -90 deg, or for a total that did not converge."""
     for name in ("covariance", "spikeball"):
         s = rs.load_scenario(f"configs/{name}.yaml")
-        s = s.at_poses(np.arange(0, len(s.aircraft), 4))
+        s = s.at_poses(np.arange(0, len(s.aircraft), 12))
         found = analyses.budget(s, method="form")
         size = {source: found.table[f"three_sigma_{source}"] for source in (*SOURCES, "total")}
         unknown = {name: np.isnan(size[name]) for name in ("aircraft_orientation", "total")}

@@ -227,7 +227,7 @@ def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypat
         radar["scan_period_s"] = period
     (tmp_path / "s.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     s = rs.load_scenario(tmp_path / "s.yaml")
-    plain = PlainMissions(content, route, 60_000, 1)
+    plain = PlainMissions(content, route, 30_000, 1)
     every = plain.events(1, 1)[0][-1]
     std, ends = every.std(), np.quantile(every, TAILS)
     found = recombined_missions(Looks.of(s), (2, 3))

@@ -177,13 +177,6 @@ def check_normals(normals, weight, tolerance):
         assert tail.mean() > 5 * ndtr(-3.0)
 
 
-def test_weights_of_widened_normals_are_the_ratio_of_the_densities():
-    normals, weight = widened_normals(np.random.default_rng(1), 200_000, 4)
-    assert weight.max() <= 2
-    assert weight.mean() == pytest.approx(1.0, abs=0.01)
-    check_normals(normals, weight, 0.01)
-
-
 @pytest.mark.parametrize("related", [True, False])
 def test_weights_of_chosen_draws_are_the_ratio_of_the_densities(related):
     """Also if the value that they are chosen by has nothing to do with the normals."""
