@@ -178,42 +178,6 @@ def test_quantiles_of_a_quadratic_that_are_known():
     assert_array_equal(form.quadratic_quantile(np.zeros((2, 1)), np.zeros((2, 1)), beta), 0.0)
 
 
-def test_maximum_in_a_ball():
-    """No point of a fine net of the ball, climbed from, is better; nor is u outside the ball."""
-    rng = np.random.default_rng(2)
-    g, lam = rng.normal(size=(300, 3)), rng.normal(size=(300, 3))
-    lam[50:100] -= 4  # maxima inside the ball
-    g[100:150, 2] = 0
-    lam[100:150, 2] = lam[100:150].max(axis=1) + 1  # forks
-    g[150:160] = 0
-    lam[160:170] = 0
-    lam[170:180] = [1.0, 1.0, -1.0]
-    radius = rng.uniform(0.2, 5.0, 300)
-    u = form.ball_maximum(g.T, lam.T, radius).T
-    length = np.linalg.norm(u, axis=1)
-    assert np.all(length <= radius * (1 + 1e-9))
-    value = np.sum(g * u + 0.5 * lam * u * u, axis=1)
-    points = rng.normal(size=(3000, 300, 3))
-    points *= (radius / np.linalg.norm(points, axis=2))[..., np.newaxis]
-    points[1000:] *= rng.uniform(0, 1, (2000, 300, 1)) ** (1 / 3)
-    best = np.sum(g * points + 0.5 * lam * points**2, axis=2).max(axis=0)
-    size = radius * np.linalg.norm(g, axis=1) + 0.5 * radius**2 * abs(lam).max(axis=1)
-    assert np.all(value >= best - 2e-6 * size)
-    # Conditions of the maximum: g + λu = μu with μ ≥ 0, and μ = 0 inside.
-    push = g + lam * u
-    mu = np.sum(push * u, axis=1) / length**2
-    forked = np.r_[100:160]
-    plain = np.setdiff1d(np.arange(300), forked)
-    assert np.all(abs(push - mu[:, np.newaxis] * u)[plain] <= 1e-9 * (size / radius)[plain, None])
-    assert np.all(mu[plain] * radius[plain] ** 2 >= -1e-9 * size[plain])
-    inside = plain[length[plain] < 0.999 * radius[plain]]
-    assert len(inside) > 20
-    assert_allclose(push[inside], 0, atol=1e-9 * 10)
-    assert np.any(length[plain] > 0.999999 * radius[plain])
-    assert_array_equal(form.ball_maximum(g[:3].T, lam[:3].T, np.zeros(3)), 0.0)
-    assert_array_equal(form.ball_maximum(np.zeros((3, 1)), np.zeros((3, 1)), np.ones(1)), 0.0)
-
-
 # One uncertain state: quantiles of a function of one variable, and moments by integrals.
 
 
