@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 import yaml
 
-from radar_sense import accuracy
 from radar_sense import axis as axes
+from radar_sense.acceptance import accuracy
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.flight import Path as Flight
 from radar_sense.flight import States
 from radar_sense.model.detection_model import DetectionModel
@@ -153,10 +154,9 @@ def some_poses(patch, count=5):
 
 def required(s, limit, *names, k=None, method="automatic", at_least=False):
     """Return the accuracy of some of the sources, which takes less than that of all."""
-    limit = 1.0 - limit if at_least else limit
-    goal = accuracy._Goal(s, limit, k, method, of_miss=at_least)
+    search = accuracy._Search(s, limit if k is None else Requirement(limit, k, at_least), method)
     every = tuple(error_budget(s).sources)
-    return {name: goal.required(every if name == "all" else (name,)) for name in names}
+    return {name: search.required(every if name == "all" else (name,)) for name in names}
 
 
 def stds_of(contributions):
@@ -544,13 +544,13 @@ def few_judging_draws(patch, first=256, most=1024):
 
     The draws are made once in all tests of a process.
     """
-    for name in ("propagation.staged", "accuracy"):
+    for name in ("propagation.staged", "acceptance.accuracy"):
         patch.setattr(f"radar_sense.{name}.estimate", remembered)
     patch.setattr("radar_sense.propagation.staged.FIRST", first)
     for name in ("automatic.LAST", "automatic.MANY", "staged.PRECISE"):
         patch.setattr(f"radar_sense.propagation.{name}", most)
     for name in ("PRECISE", "MANY"):
-        patch.setattr(f"radar_sense.accuracy.{name}", most)
+        patch.setattr(f"radar_sense.acceptance.accuracy.{name}", most)
     patch.setattr("radar_sense.coverage.ranges.DRAWS", (first, most))
     patch.setattr("radar_sense.coverage.ranges.FURTHER", most)
 

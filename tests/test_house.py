@@ -20,7 +20,6 @@ STOREYS = (
     ("command",),
     ("plotting", "files"),
     ("acceptance", "coverage"),
-    ("accuracy",),
     ("sources",),
     ("mission",),
     ("montecarlo",),

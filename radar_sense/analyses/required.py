@@ -11,8 +11,8 @@ import numpy as np
 
 from radar_sense import options, words
 from radar_sense.acceptance import refinement
+from radar_sense.acceptance.accuracy import P_D_ITSELF, RequiredAccuracy, required_accuracies
 from radar_sense.acceptance.requirement import Requirement
-from radar_sense.accuracy import P_D_ITSELF, RequiredAccuracy, required_accuracies
 from radar_sense.analyses.verdict import condition, side
 from radar_sense.axis import Axis
 from radar_sense.command import Option
@@ -70,14 +70,7 @@ def required_accuracy(
     if not poses.resolved:
         raise InputError(f"{refinement.unresolved()}, or one pose with 'at'")
     axis = poses.scenario.axis
-    required = required_accuracies(
-        poses.scenario,
-        limit,
-        k=None if asked is None else asked.k,
-        at_least=goal.at_least,
-        itself=goal.probability is None,
-        method=method,
-    )
+    required = required_accuracies(poses.scenario, asked or limit, method=method)
 
     wanted = f"3 sigma <= {limit:g}" if asked is None else condition(asked)
     place = "at all poses" if at is None else f"at {axis.format(at)}"

@@ -81,7 +81,7 @@ def test_a_ring_that_is_grazed_by_two_sigma(tmp_path, rows):
 
 def test_the_accuracy_that_a_ring_beside_the_route_needs(tmp_path, monkeypatch):
     """20 m are three sigma of the distance where √((10 f)² + 1²) is 20/3."""
-    monkeypatch.setattr("radar_sense.accuracy.MANY", MANY)
+    monkeypatch.setattr("radar_sense.acceptance.accuracy.MANY", MANY)
     rows, sphere = "0,-4000,100020,0\n60,4000,100020,0\n", {"model": "constant", "rcs_m2": 1}
     errors = {"position_m": 10, "attitude_deg": 1}
     s = flight(tmp_path, rows, [radar(2000, max_range_km=100)], sphere, errors)

@@ -25,9 +25,9 @@ from scipy.stats import norm
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.acceptance import refinement
+from radar_sense.acceptance.accuracy import required_accuracies
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide, path_test
-from radar_sense.accuracy import required_accuracies
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import (
@@ -395,7 +395,7 @@ def test_draws_decide_where_form_is_unreliable():
 def test_how_small_a_source_must_be_for_the_bound(threshold):
     """With the factor, the bound of the test equals P_max to the accuracy of the search."""
     s = scenario(geometry__azimuth_deg={"start": 44, "stop": 46, "step": 1})
-    found = required_accuracies(s, threshold, k=3.0, method="form")
+    found = required_accuracies(s, Requirement(threshold), method="form")
     assert found["all"].factor is not None
     for source, accuracy in found.items():
         if accuracy.factor is None:

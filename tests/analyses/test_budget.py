@@ -12,9 +12,9 @@ from scipy.special import erfc
 from scipy.stats import norm
 
 import radar_sense as rs
-from radar_sense import accuracy as module
 from radar_sense import analyses
-from radar_sense.accuracy import required_accuracies
+from radar_sense.acceptance import accuracy as module
+from radar_sense.acceptance.accuracy import required_accuracies
 from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.propagation.staged import MANY

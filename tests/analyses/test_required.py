@@ -7,7 +7,7 @@ from scipy.constants import Boltzmann
 from scipy.optimize import brentq
 
 import radar_sense as rs
-from radar_sense import accuracy
+from radar_sense.acceptance import accuracy
 from radar_sense.propagation.staged import MANY
 
 

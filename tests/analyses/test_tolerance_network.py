@@ -25,7 +25,7 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses
-from radar_sense.accuracy import required_accuracies
+from radar_sense.acceptance.accuracy import required_accuracies
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.source_names import name_problem

@@ -23,7 +23,7 @@ from scenario_file.refused import refused
 
 import radar_sense as rs
 from radar_sense import analyses, axis
-from radar_sense.accuracy import required_accuracies
+from radar_sense.acceptance.accuracy import required_accuracies
 from radar_sense.analyses.rcs import rcs
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.montecarlo.montecarlo import monte_carlo

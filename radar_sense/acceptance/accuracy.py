@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.axis import reached
 from radar_sense.cost import FIRST_ORDER
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
@@ -79,50 +80,41 @@ class RequiredAccuracy:
 
 
 def required_accuracies(
-    scenario: Scenario,
-    limit: float,
-    *,
-    k: float | None = None,
-    at_least: bool = False,
-    itself: bool = True,
-    method: str = "linear",
+    scenario: Scenario, goal: Requirement | float, *, method: str = "linear"
 ) -> dict[str, RequiredAccuracy]:
-    """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
+    """Return the accuracy of each source at which a goal is met at all poses.
+
+    The goal is what is required of P_D, or a number that 3σ of P_D may be at most.
 
     The search by the method assumes that the value grows with the source. Correlations and limits
     of a radar can violate this. Draws therefore judge every factor at the deviations that it leads
     to, and a factor above 1 also on the way there. Where they disagree, they find a smaller factor
-    that they are sure of. Where P_D `itself` must be within the limit of its bound and is not, no
-    accuracy is enough. Where it need not be, and is not, a smaller σ may lead beyond the limit: a
-    source that no factor is found for is not known.
+    that they are sure of. Where P_D itself must be within the limit and is not, no accuracy is
+    enough. Where it need not be, and is not, a smaller σ may lead beyond the limit: a source that
+    no factor is found for is not known.
 
-    The bound is the one at Φ(k), which is P_D + kσ by `linear`, or the one at Φ(−k) where P_D must
-    be at least the limit; without k the limit is one of 3σ.
     What is returned is the accuracy required of each source and of each part of a radar constant,
     and in a network of position, constant and further parameters of each radar that is enough
     alone. The other sources are unchanged. "all" scales all sources together.
     """
-    every = sources_of(scenario)
-    p_d = scenario.p_d()
-    beyond = k is not None and bool(np.any(p_d < limit if at_least else p_d > limit))
-    if beyond and itself:
-        pose = int(np.argmax(reached(-p_d if at_least else p_d)))
-        place = float(scenario.axis.values[pose])
-        impossible = RequiredAccuracy(None, float(p_d[pose]), place, P_D_ITSELF)
-        return dict.fromkeys((*sources_of(scenario, SOURCE, PART), "all"), impossible)
-    goal = _Goal(
-        scenario, 1.0 - limit if at_least else limit, k, method, of_miss=at_least, beyond=beyond
-    )
+    if isinstance(goal, Requirement) and goal.probability is None:
+        p_d = scenario.p_d()
+        if np.any(goal.margin(p_d) < 0):
+            pose = int(np.argmax(reached(-p_d if goal.at_least else p_d)))
+            place = float(scenario.axis.values[pose])
+            impossible = RequiredAccuracy(None, float(p_d[pose]), place, P_D_ITSELF)
+            return dict.fromkeys((*sources_of(scenario, SOURCE, PART), "all"), impossible)
+    search = _Search(scenario, goal, method)
     by_name: dict[str, RequiredAccuracy] = {}
-    for name, source in every.items():
+    for name, source in sources_of(scenario).items():
         # a part of what is not enough alone is not enough
         if source.kind != FINER or (source.part_of and by_name[source.part_of].factor is not None):
-            by_name[name] = goal.required((name,))
-    return {**by_name, "all": goal.required(tuple(sources_of(scenario, SOURCE)))}
+            by_name[name] = search.required((name,))
+    return {**by_name, "all": search.required(tuple(sources_of(scenario, SOURCE)))}
 
 
-class _Goal:
-    """A limit of 3σ of P_D, or of its upper bound, that is to be met at all poses.
+class _Search:
+    """The search for the factors at which 3σ of P_D, or its upper bound, is within a limit.
 
     That P_D is at least a limit is a limit of a miss, 1 − P_D, and all values are then of a miss.
 
@@ -130,16 +122,13 @@ class _Goal:
     be `beyond` the limit.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        limit: float,
-        k: float | None,
-        method: str,
-        *,
-        of_miss: bool,
-        beyond: bool = False,
-    ) -> None:
+    def __init__(self, scenario: Scenario, goal: Requirement | float, method: str) -> None:
+        if isinstance(goal, Requirement):
+            k, of_miss = goal.k, goal.at_least
+            limit = 1.0 - goal.limit if of_miss else goal.limit
+            beyond = bool(np.any(goal.margin(scenario.p_d()) < 0))
+        else:
+            k, of_miss, limit, beyond = None, False, goal, False
         self.scenario, self.limit, self.k, self.method = scenario, limit, k, method
         self.of_miss, self.beyond = of_miss, beyond
         self.budget_at = cache(
