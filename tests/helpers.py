@@ -116,6 +116,15 @@ def write_path(folder, text, name="scenario.yaml", /, **changes):
     return file
 
 
+def on_route(folder, content, rows):
+    """Return the scenario of a document that flies a route of times and poses."""
+    file = folder / "route.csv"
+    file.write_text(csv_text("time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg", rows))
+    content = document(content, geometry={"type": "path", "file": str(file)})
+    content["aircraft"].pop("attitude_deg", None)
+    return parse_scenario(yaml_text(content))
+
+
 @cache
 def corridor():
     """Return the scenario of the corridor, which takes a third of a second to read."""
