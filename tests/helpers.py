@@ -161,9 +161,12 @@ def some_poses(patch, count=5):
         patch.setattr(name, few)
 
 
-def required(s, limit, *names, k=None, method="automatic", at_least=False):
-    """Return the accuracy of some of the sources, which takes less than that of all."""
-    search = accuracy._Search(s, limit if k is None else Requirement(limit, k, at_least), method)
+def required(s, goal, *names, k=None, method="automatic"):
+    """Return the accuracy of some of the sources, which takes less than that of all.
+
+    The goal is what is required of P_D, or a limit of 3σ, or with k of the upper bound.
+    """
+    search = accuracy._Search(s, goal if k is None else Requirement(goal, k), method)
     every = tuple(error_budget(s).sources)
     return {name: search.required(every if name == "all" else (name,)) for name in names}
 

@@ -558,9 +558,8 @@ def test_better_knowledge_helps_where_p_d_itself_is_beyond_the_limit_of_a_probab
     tested = analyses.variance(s, threshold=p_max, probability=probability)
     assert "no better knowledge" not in "".join(tested.report)
     # what holds already is said to hold, and not impossible
-    met = analyses.budget(s, threshold=p_max, probability=most + 0.02)
-    for accuracy in met.summary["threshold"]["required_accuracy"].values():
-        assert accuracy["factor"] >= 1 or accuracy["unlimited"]
+    met = Requirement(p_max, norm.isf(most + 0.02), probability=most + 0.02)
+    assert all(found.factor >= 1 for found in required(s, met, "radar_constant", "all").values())
 
 
 def at_a_lobe(floor, yaw):
@@ -605,7 +604,7 @@ def test_errors_that_take_p_d_away_from_a_limit_are_not_to_shrink(floor, yaw, re
     assert max(beyond(1), beyond(3)) < tail
     if at_least:
         assert analyses.variance(s, at_least=limit).passed
-        (found,) = required(s, limit, "aircraft_orientation", k=k, at_least=True).values()
+        (found,) = required(s, requirement, "aircraft_orientation").values()
         assert (found.factor, found.exceeded_at_0) == (math.inf, True)
     else:  # the same in words
         assert analyses.variance(s, threshold=limit, k=k).passed
