@@ -255,23 +255,16 @@ def refusal(tool: Callable, text: str | bytes | None, *options: str, name: str =
     if text is not None:
         write(text, name)
     before = sorted(Path().rglob("*"))
-    code, out, err = tool("montecarlo", *options, "--no-plot", "--out", "out", "--", name)
-    assert_refused(code, out, err)
+    error = one_line(tool, "montecarlo", *options, "--no-plot", "--out", "out", "--", name)
     assert sorted(Path().rglob("*")) == before  # nothing written, not even the folder
-    return err.rstrip("\n")
-
-
-def assert_refused(code: int, out: str, err: str) -> None:
-    """Insist on exit code 2 and one line of error."""
-    assert (code, out) == (2, "")
-    assert re.fullmatch(r"Error: [^\n]+\n", err), err
-    assert "Traceback" not in err
+    return error.rstrip("\n")
 
 
 def one_line(tool: Callable, *args: object) -> str:
-    """Insist that a command is refused in one line, and return that line."""
+    """Insist that a command is refused in one line with exit code 2, and return that line."""
     code, out, err = tool(*args)
-    assert_refused(code, out, err)
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"Error: [^\n]+\n", err), err
     return err
 
 

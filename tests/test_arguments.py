@@ -166,34 +166,29 @@ def test_numbers_in_arrays_without_axes_are_numbers():
             rs.ConstantRCS(wrong)
 
 
-def assert_short_reprs(*objects):
-    for instance in objects:
-        assert len(repr(instance)) < 400
-        assert "array" not in repr(instance)
-
-
-def test_objects_of_many_numbers_or_radars_have_a_short_repr():
-    many = rs.NetworkModel(tuple(rs.Radar(MODEL, f"r{i}".ljust(40, "x")) for i in range(64)))
-    assert "r0x" in repr(many)
-    lin = MODEL.linearize(PAPER.aircraft, PAPER.radar)
-    assert_short_reprs(many, rs.TableRCS(ANGLES, np.ones(36)), propagated(), lin)
-
-
 @pytest.mark.parametrize("config", ["paper", "network", "corridor", "airport_surveillance"])
 def test_a_scenario_and_its_parts_have_short_reprs_with_the_names_of_radars(config):
     s = rs.load_scenario(CONFIGS / f"{config}.yaml")
-    assert_short_reprs(s, s.model, s.model.radars[0], s.axis, s.geometry)
+    for instance in (s, s.model, s.model.radars[0], s.axis, s.geometry):
+        assert len(repr(instance)) < 400
+        assert "array" not in repr(instance)
     for instance in (s, s.model):
         assert len(repr(instance)) < 200
         assert all(name in repr(instance) for name in s.model.names)
     assert f"{len(s.model.radars)} radar" in repr(s.model)
 
 
-def test_the_repr_of_a_scenario_says_what_it_is():
+def test_reprs():
     assert repr(PAPER) == (
         "<Scenario 'paper': 361 poses by azimuth, 1 radar, level medium of low, medium, high, "
         "500 runs, seed 1>"
     )
+    many = rs.NetworkModel(tuple(rs.Radar(MODEL, f"r{i}".ljust(40, "x")) for i in range(64)))
+    assert "r0x" in repr(many)
+    lin = MODEL.linearize(PAPER.aircraft, PAPER.radar)
+    for instance in (many, rs.TableRCS(ANGLES, np.ones(36)), propagated(), lin):
+        assert len(repr(instance)) < 400
+        assert "array" not in repr(instance)
 
 
 def test_a_value_in_a_message_is_whole_up_to_40_letters():

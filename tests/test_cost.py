@@ -10,7 +10,7 @@ import radar_sense as rs
 from radar_sense import cost
 from radar_sense.coverage import grid
 from radar_sense.montecarlo import montecarlo
-from radar_sense.propagation import draws
+from radar_sense.propagation import draws as judging
 
 
 @pytest.fixture(autouse=True)
@@ -63,24 +63,19 @@ def test_draws_are_announced_before_the_first(caplog, monkeypatch):
     assert "10,000,000 runs of 361 poses and 1 radar take some 6 minutes" in caplog.text
 
 
-@pytest.mark.all_draws
-def test_draws_at_many_poses_are_announced_before_the_first(caplog, monkeypatch):
-    monkeypatch.setattr(draws, "_draw", stop)
-    s = scenario().with_analysis(method="automatic")
-    with pytest.raises(KeyboardInterrupt):
-        rs.analyses.variance(s.at_poses(np.resize(np.arange(361), 120_000)))
-    text = "122,880,000 draws at 120,000 poses take some 74 seconds; fewer poses take less"
-    assert text in caplog.text
+LOBES = {"aircraft.rcs": "{model: spikeball, lobes: 400, amplitude_m2: 0.18, floor_m2: 0.1}"}
 
 
+@pytest.mark.parametrize(("changes", "poses"), [({}, 1200), (LOBES, 75)])
 @pytest.mark.all_draws
-def test_more_draws_are_announced_where_the_cross_section_has_lobes(caplog, monkeypatch):
-    monkeypatch.setattr(draws, "_draw", stop)
-    lobes = {"aircraft.rcs": "{model: spikeball, lobes: 400, amplitude_m2: 0.18, floor_m2: 0.1}"}
-    s = rs.load_scenario("configs/paper.yaml", lobes).with_analysis(method="automatic")
+def test_draws_that_judge_are_announced_before_the_first(caplog, monkeypatch, changes, poses):
+    """A cross section with narrow lobes needs more of them."""
+    monkeypatch.setattr(judging, "_draw", stop)
+    monkeypatch.setattr(cost, "SECONDS", 0.5)
+    s = rs.load_scenario(None, changes).with_analysis(method="automatic")
     with pytest.raises(KeyboardInterrupt):
-        rs.analyses.variance(s.at_poses(np.resize(np.arange(361), 7_500)))
-    assert "122,880,000 draws at 7,500 poses take some 74 seconds" in caplog.text
+        rs.analyses.variance(s.at_poses(np.resize(np.arange(361), poses)))
+    assert f"1,228,800 draws at {poses:,} poses take some 1 seconds; fewer poses" in caplog.text
 
 
 def test_plain_draws_that_do_not_fit_in_memory_are_refused():

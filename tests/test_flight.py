@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from helpers import few_draws, scenario, with_arrays, write_path
+from helpers import few_draws, scenario, write_path
 
 import radar_sense as rs
 from radar_sense.flight import Orbit, Path, States
@@ -84,21 +84,6 @@ def test_other_poses_of_the_flight_keep_the_record_of_the_file(tmp_path):
         assert other.resolved() == s.resolved()
         assert pickle.loads(pickle.dumps(other)).resolved() == s.resolved()
         assert other.along(s.geometry).geometry is s.geometry
-
-
-def test_a_geometry_is_of_the_poses_of_its_scenario():
-    """Other poses given to a scenario are states, or the rows of a path."""
-    s = scenario()
-    moved = with_arrays(s, aircraft=s.aircraft + 1.0)
-    assert isinstance(moved.geometry, States)
-    assert moved.geometry.aircraft is moved.aircraft
-    timed = with_arrays(moved, time_s=np.arange(361.0))
-    assert isinstance(timed.geometry, Path)
-    np.testing.assert_allclose(
-        timed.geometry.at(np.array([0.5])).aircraft[0, :3], moved.aircraft[:2, :3].mean(axis=0)
-    )
-    each = np.repeat(s.cov_aircraft[np.newaxis], 361, axis=0)
-    assert not with_arrays(s, cov_aircraft=each).geometry.continuous
 
 
 def test_one_covariance_of_all_poses_is_that_of_the_poses_between_them(tmp_path):

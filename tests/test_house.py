@@ -142,7 +142,3 @@ def test_slow_modules_of_scipy_are_imported_where_they_are_used():
                 found.add(node.module or "")
     scipy = {name for name in found if name.split(".")[0] == "scipy"}
     assert scipy == {"scipy.special", "scipy.constants"}
-
-
-def test_every_module_has_a_docstring():
-    assert not [name for name, tree in trees().items() if not ast.get_docstring(tree)]

@@ -44,15 +44,19 @@ def test_ordinary_scenarios_have_no_warning(tmp_path):
     assert plausibility_warnings(on_mountain) == ()
 
 
-def test_minutes_for_seconds(tmp_path):
-    (warning,) = of_route(tmp_path, ROUTE.replace("\n20,", "\n0.333,").replace("\n40,", "\n0.667,"))
-    assert warning.startswith("the aircraft flies at up to 12")
-    assert "km/s, after 0 s: is time_s in seconds" in warning
-
-
-def test_milliseconds_for_seconds(tmp_path):
-    (warning,) = of_route(tmp_path, ROUTE.replace("\n20,", "\n20000,").replace("\n40,", "\n4e4,"))
-    assert warning.startswith("the aircraft flies at 0.2 m/s at most: are times in seconds, speeds")
+@pytest.mark.parametrize(
+    ("second", "third", "starts", "says"),
+    [
+        ("0.333", "0.667", "the aircraft flies at up to 12", "km/s, after 0 s: is time_s in secon"),
+        ("20000", "4e4", "the aircraft flies at 0.2 m/s at most: are times in seconds, speeds", ""),
+    ],
+    ids=["minutes", "milliseconds"],
+)
+def test_times_in_another_unit(tmp_path, second, third, starts, says):
+    text = ROUTE.replace("\n20,", f"\n{second},").replace("\n40,", f"\n{third},")
+    (warning,) = of_route(tmp_path, text)
+    assert warning.startswith(starts)
+    assert says in warning
 
 
 @pytest.mark.parametrize("step", [None, 40])
@@ -71,30 +75,21 @@ def test_a_bank_that_rounded_positions_make_up(tmp_path):
     assert steep.startswith("the aircraft banks by up to 88.2 deg at all 20 poses: if bank")
 
 
+SWAPPED = {"latitude_deg": 8.5, "longitude_deg": 47.3, "altitude_m": 400}
+
+
 def test_swapped_latitude_and_longitude(tmp_path):
+    """Of the route, of the origin, and of the radar."""
     far, _ = geodetic(tmp_path, lat=9.0, lon=46.5)  # so far that there is no signal either
     assert far.endswith("units, and latitude and longitude in their order? [too-far]")
-
-
-def test_swapped_latitude_and_longitude_of_the_origin(tmp_path):
-    place = {"latitude_deg": 47.3, "longitude_deg": 8.5, "altitude_m": 400}
-    swapped = {**ORIGIN, "latitude_deg": 8.5, "longitude_deg": 47.3}
-    rows = [(20 * i, 46.5, 9 + 0.05 * i, 9000) for i in range(3)]
-    far, *_ = of_route(
-        tmp_path,
-        csv_text(GEO, rows),
-        geometry={"type": "path", "file": "route.csv", "origin": swapped},
-        radar={"position_geodetic": place, "constant": 1e6, "p_fa": 1e-6},
-    )
+    path = {"type": "path", "file": "route.csv", "origin": SWAPPED}
+    radar = {"position_geodetic": ORIGIN, "constant": 1e6, "p_fa": 1e-6}
+    text = csv_text(GEO, [(20 * i, 46.5, 9 + 0.05 * i, 9000) for i in range(3)])
+    far, *_ = of_route(tmp_path, text, geometry=path, radar=radar)
     assert far.startswith("the aircraft is at least ")
     assert "km from the origin: are positions" in far
-
-
-def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
-    place = {"latitude_deg": 8.5, "longitude_deg": 47.3, "altitude_m": 400}
-    radar = {"position_geodetic": place, "constant": 1e6, "p_fa": 1e-6}
-    words = "km from the radar: are positions in their units, and latitude and longitude"
-    assert words in "".join(geodetic(tmp_path, radar=radar))
+    texts = geodetic(tmp_path, radar={**radar, "position_geodetic": SWAPPED})
+    assert "km from the radar: are positions in their units, and latitude and" in "".join(texts)
 
 
 @pytest.mark.parametrize(("km", "far"), [(1190, False), (1210, True)])
@@ -117,8 +112,6 @@ def test_below_the_ground(tmp_path):
 
 
 CERTAIN = {"uncertainty__radar__medium__constant": 0}
-
-
 #: A line from 10 km, where P_D is 1, to 1000 km, where it is that without a signal.
 OUTWARD = {
     "type": "radial",

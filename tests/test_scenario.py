@@ -223,15 +223,6 @@ def test_the_embedded_scenario_is_the_one_in_configs():
     assert file.read_bytes() == (ROOT / "radar_sense/paper.yaml").read_bytes()
 
 
-def test_a_flight_is_pickled_without_its_spline():
-    s = corridor()
-    before = pickle.dumps(s.geometry)
-    between = s.geometry.at(s.geometry.coordinate[:2] + 1.0)
-    assert pickle.dumps(s.geometry) == before
-    again = pickle.loads(before).at(s.geometry.coordinate[:2] + 1.0)
-    np.testing.assert_array_equal(again.aircraft, between.aircraft)
-
-
 @pytest.mark.parametrize("config", ["x_band_tracking", "gap_fillers"])
 def test_a_scenario_with_tolerances_may_have_no_poses(config):
     s = rs.load_scenario(f"configs/{config}.yaml").at_states(np.empty((0, 6)))

@@ -90,19 +90,17 @@ class ElevationGain(_Directions):
         elevation = self._from_axis(line, np.zeros(()))
         return np.asarray(abs(elevation - self._inside(elevation)))
 
-    def nepers(self, line: Vector, tilt_error: FloatArray) -> FloatArray:
+    def nepers(self, line: Vector, error: FloatArray) -> FloatArray:
         """Return ln of the factor (...) of the signal along d, of an antenna with a tilt error."""
         curve, _ = self._curves
-        return np.asarray(curve(self._inside(self._from_axis(line, tilt_error))))
+        return np.asarray(curve(self._inside(self._from_axis(line, error))))
 
-    def linearize(
-        self, line: Vector, tilt_error: FloatArray
-    ) -> tuple[FloatArray, Vector, FloatArray]:
+    def linearize(self, line: Vector, error: FloatArray) -> tuple[FloatArray, Vector, FloatArray]:
         """Return `nepers`, their gradient by d [1/m] and by the error of the tilt [1/rad].
 
         The gradient is 0 straight above and below, where it does not exist.
         """
-        elevation = self._from_axis(line, tilt_error)
+        elevation = self._from_axis(line, error)
         inside, (curve, slope) = self._inside(elevation), self._curves
         by_elevation = slope(inside)
         # With ρ the level part of d and h along down, the elevation is atan2(h, ρ).

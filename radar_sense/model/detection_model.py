@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,9 +20,10 @@ from radar_sense.covariance import checked, variance_along
 from radar_sense.errors import counted
 from radar_sense.limits import NOT_NEGATIVE, Limit, check_parameters, declared
 from radar_sense.model.antenna import ElevationGain
+from radar_sense.model.attenuation import Attenuation
 from radar_sense.model.detectors import Detector, North, check_detector, linearize
-from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
-from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS, snr
+from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft, range_squared
+from radar_sense.model.radar_equation import snr
 from radar_sense.model.rcs import RCS, check_rcs, linearize_with_error, with_error
 from radar_sense.states import (
     ATTENUATION_ERROR,
@@ -37,14 +38,22 @@ from radar_sense.states import (
     with_errors,
 )
 
-#: R² [m²] at which aircraft and radar coincide. The square of this does not underflow.
-COINCIDE = 1e-100
 #: From S and P_fa to a value of a detector, and its slope by S.
 Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE, _ZERO = np.ones(()), np.zeros(())
 # glibc returns free memory beyond twice the largest array freed so far (mallopt(3)). Blocks would
 # fetch it again page by page, and a gradient would take twice the time. Never touched.
 np.empty(3 << 20)
+
+
+class Factor(Protocol):
+    """A factor of the signal by the way to the radar, with one uncertain parameter."""
+
+    def nepers(self, line: Vector, error: FloatArray) -> FloatArray:
+        """Return ln of the factor (...) along d, with an error (...) of the parameter."""
+
+    def linearize(self, line: Vector, error: FloatArray) -> tuple[FloatArray, Vector, FloatArray]:
+        """Return `nepers`, their gradient by d, and by the error."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,6 +127,16 @@ class DetectionModel:
         check_detector(self.detector, self.p_fa)
 
     @property
+    def _factors(self) -> list[tuple[Factor, int]]:
+        """The factors of the signal by the way, and where the radar state has the error of each."""
+        found: list[tuple[Factor, int]] = []
+        if self.attenuation:
+            found.append((Attenuation(self.attenuation), ATTENUATION_ERROR))
+        if self.antenna is not None:
+            found.append((self.antenna, TILT_ERROR))
+        return found
+
+    @property
     def has_spread(self) -> bool:
         """Whether the RCS knows its own uncertainty by aspect, see `model.rcs`."""
         return getattr(self.rcs, "spread", None) is not None
@@ -174,18 +193,11 @@ class DetectionModel:
         line = radar_from_aircraft(aircraft, radar)
         body = line if self.rcs.isotropic else Attitude.from_state(aircraft).to_body(line)
         sigma = with_error(self.rcs, join(body), radar[..., RCS_ERROR])
-        range_squared = _range_squared(line)
-        ratio = snr(radar[..., CONSTANT], sigma, range_squared)
-        if self.attenuation:
-            ratio = ratio * np.exp(-self._path_loss(radar, range_squared))
-        if self.antenna is not None:
-            ratio = ratio * np.exp(self.antenna.nepers(line, radar[..., TILT_ERROR]))
+        squared = range_squared(line)
+        ratio = snr(radar[..., CONSTANT], sigma, squared)
+        for factor, error in self._factors:
+            ratio = ratio * np.exp(factor.nepers(line, radar[..., error]))
         return ratio
-
-    def _path_loss(self, radar: FloatArray, range_squared: FloatArray) -> FloatArray:
-        """Return −ln of the factor 10^(−2αR/10) of S (...), there and back."""
-        growth = np.exp(np.minimum(radar[..., ATTENUATION_ERROR], MOST_NEPERS))
-        return np.asarray(2.0 * NEPERS * (self.attenuation * growth) * np.sqrt(range_squared))
 
     def _chain(
         self, detector: Slope, aircraft: FloatArray, radar: FloatArray
@@ -194,29 +206,29 @@ class DetectionModel:
         line = radar_from_aircraft(aircraft, radar)
         attitude = None if self.rcs.isotropic else Attitude.from_state(aircraft)
         body = line if attitude is None else attitude.to_body(line)
-        range_squared = _range_squared(line)
+        squared = range_squared(line)
         sigma, sigma_gradient, by_error = linearize_with_error(
             self.rcs, join(body), radar[..., RCS_ERROR]
         )
         # S is a product, and each partial is S without a factor. It exists where the factor is 0.
         constant = radar[..., CONSTANT]
-        ratio = snr(constant, sigma, range_squared)
-        ds_dconstant = snr(_ONE, sigma, range_squared)
-        ds_dsigma = snr(constant, _ONE, range_squared)
-        path_loss = nepers = by_tilt = _ZERO
-        if self.attenuation:
-            path_loss = self._path_loss(radar, range_squared)
-        if self.antenna is not None:
-            nepers, by_line, by_tilt = self.antenna.linearize(line, radar[..., TILT_ERROR])
-        gain = np.exp(nepers - path_loss)
+        ratio = snr(constant, sigma, squared)
+        ds_dconstant = snr(_ONE, sigma, squared)
+        ds_dsigma = snr(constant, _ONE, squared)
+        nepers, by_path = _ZERO, []
+        by_errors = {RCS_ERROR: by_error, ATTENUATION_ERROR: _ZERO, TILT_ERROR: _ZERO}
+        for factor, error in self._factors:
+            own, by_line, by_errors[error] = factor.linearize(line, radar[..., error])
+            nepers = nepers + own
+            by_path.append(by_line)
+        gain = np.exp(nepers)
         ratio, ds_dconstant, ds_dsigma = gain * ratio, gain * ds_dconstant, gain * ds_dsigma
         value, by_snr = detector(ratio, self.p_fa)
 
-        # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R, and −S · path_loss/R · d/R with an attenuation
         by_log = by_snr * ratio
-        by_range = -by_log * (4.0 + path_loss) / range_squared
+        by_range = -4.0 * by_log / squared  # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R
         by_position = [by_range * d for d in line]
-        if self.antenna is not None:
+        for by_line in by_path:
             by_position = [p + by_log * g for p, g in zip(by_position, by_line, strict=True)]
         if attitude is None:
             by_attitude = Vector(*[0.0 * by_snr] * 3)  # NaN where aircraft and radar coincide
@@ -227,19 +239,9 @@ class DetectionModel:
                 body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
             )
             by_position = [p + g for p, g in zip(by_position, by_aspect, strict=True)]
-        of_errors = (by_log * by_error, -by_log * path_loss, by_log * by_tilt)
+        of_errors = (by_log * by for by in by_errors.values())
         of_radar = join([*by_position, by_snr * ds_dconstant, *of_errors])
         return value, join([*(-p for p in by_position), *by_attitude]), of_radar
-
-
-def _range_squared(line: Vector) -> FloatArray:
-    """Return R² (...), NaN where aircraft and radar coincide."""
-    x, y, z = line
-    squared = x * x
-    squared += y * y
-    squared += z * z
-    apart = squared > COINCIDE
-    return squared if apart.all() else np.where(apart, squared, np.nan)
 
 
 def _in_blocks(

@@ -17,6 +17,9 @@ import numpy as np
 
 from radar_sense.states import ATTITUDE, FloatArray, components_first
 
+#: R² [m²] at which aircraft and radar coincide. The square of this does not underflow.
+COINCIDE = 1e-100
+
 
 class Vector(NamedTuple):
     """The three components of a vector, each an array of one shape."""
@@ -116,6 +119,16 @@ def join(components: Iterable[FloatArray]) -> FloatArray:
 def radar_from_aircraft(aircraft: FloatArray, radar: FloatArray) -> Vector:
     """Return the vector from aircraft (..., 6) to radar (..., 4) in north-east-down [m]."""
     return Vector(*(radar[..., i] - aircraft[..., i] for i in range(3)))
+
+
+def range_squared(line: Vector) -> FloatArray:
+    """Return R² (...) [m²], NaN where aircraft and radar coincide."""
+    x, y, z = line
+    squared = x * x
+    squared += y * y
+    squared += z * z
+    apart = squared > COINCIDE
+    return squared if apart.all() else np.where(apart, squared, np.nan)
 
 
 def body_vector(aircraft: FloatArray, radar: FloatArray) -> FloatArray:

@@ -146,24 +146,16 @@ TRIED = ((0, 0), (1, 1), (1, 0))
 
 def brute_force(s, cells, count=20_000):
     """Largest P_D over headings in some cells, by the model at very many headings."""
-    found = []
-    for i, j in TRIED:
-        states = np.tile(s.aircraft[0], (count, 1))
-        states[:, 0], states[:, 1] = cells.north[i], cells.east[j]
-        states[:, 5] = np.linspace(0, 2 * np.pi, count)
-        found.append(s.model.p_d(states, s.radar).max())
-    return np.array(found)
+    states = np.repeat(cells.states()[tuple(np.transpose(TRIED))][:, np.newaxis], count, axis=1)
+    states[..., 5] = np.linspace(0, 2 * np.pi, count)
+    return s.model.p_d(states, s.radar).max(axis=1)
 
 
 RCS = {
     "needle": {"model": "ellipsoid", "a_m": 1.5, "b_m": 0.02, "c_m": 0.05},
     "lobes": {"model": "spikeball", "lobes": 388, "amplitude_m2": 0.2, "floor_m2": 0.01},
     "constant": {"model": "constant", "rcs_m2": 0.1},
-    "table": {
-        "model": "table",
-        "file": str(CONFIGS / "synthetic_aircraft.csv"),
-        "mirror": True,
-    },
+    "table": {"model": "table", "file": str(CONFIGS / "synthetic_aircraft.csv"), "mirror": True},
 }
 
 
@@ -217,12 +209,10 @@ def test_the_worst_heading_of_a_table_of_random_lobes(tmp_path, seed):
     values = np.random.default_rng(seed).uniform(-12, 10, 18).round(2)
     s = steep(tmp_path, list(zip(range(0, 360, 20), values.tolist(), strict=True)))
     cells = area.grid(s, north_km=(20, 27), east_km=(0, 7), step_km=1)
-    found, _ = area.worst_p_d_in_cells(cells)
-    states, largest = cells.states(), np.zeros(found.shape)
-    for heading in np.linspace(0, 2 * np.pi, 1441):
-        states[..., 5] = heading
-        largest = np.maximum(largest, s.model.p_d(states, s.radar))
-    np.testing.assert_allclose(found, largest, atol=1e-3)
+    states = np.repeat(cells.states()[..., np.newaxis, :], 1441, axis=-2)
+    states[..., 5] = np.linspace(0, 2 * np.pi, 1441)
+    largest = s.model.p_d(states, s.radar).max(axis=-1)
+    np.testing.assert_allclose(area.worst_p_d_in_cells(cells)[0], largest, atol=1e-3)
 
 
 def steep(folder, rows):
@@ -257,32 +247,28 @@ def test_the_worst_heading_of_a_network_on_the_round_earth():
     assert there[0, 1] == pytest.approx(largest[0, 1], abs=1e-5)
 
 
-def test_the_contour_may_be_beyond_a_blind_zone():
-    """P_D is 0 within 30 km, around the whole route, and reaches 0.1 at some 50 km."""
-    s = scenario(
-        geometry__range_km=10,
-        aircraft__rcs={"model": "constant", "rcs_m2": 1},
-        radar__min_range_km=30,
-        radar__constant=4e-4,
-        radar__p_fa=1e-6,
-        radar__detector="swerling1",
-    )
+THIN = {"model": "ellipsoid_exact", "x_m": 0.1, "y_m": 0.3, "z_m": 0.3}
+
+
+@pytest.mark.parametrize(
+    ("changes", "area_m2"),
+    [
+        # P_D is 0 within 30 km, around the whole route, and reaches 0.1 at some 50 km
+        ({"aircraft__rcs": {"model": "constant", "rcs_m2": 1}, "radar__min_range_km": 30}, 1),
+        # P_D reaches 0.1 three times as far ahead and behind as abeam
+        *(
+            ({"aircraft__rcs": THIN, "aircraft__attitude_deg": [0, 0, yaw]}, np.pi * 0.9**2)
+            for yaw in (0, 90)
+        ),
+    ],
+)
+def test_the_contour_may_be_beyond_a_blind_zone_or_leave_two_sides_alone(changes, area_m2):
+    radar = {"constant": 4e-4, "p_fa": 1e-6, "detector": "swerling1", "position_m": [0, 0, -3e3]}
+    result = coverage_map(scenario(**{"radar": radar, "geometry__range_km": 10, **changes}))
     # P_D = P_fa^(1/(1 + S)) is 0.1 at S = 5
-    farthest = (4e-4 / (1.380649e-23 * 5)) ** 0.25
-    result = coverage_map(s)
+    farthest = (4e-4 * area_m2 / (1.380649e-23 * 5)) ** 0.25
     assert farthest < result.table["north_m"].max() < 1.3 * farthest
     assert (result.table["p_d"] >= 0.1).any()
-
-
-@pytest.mark.parametrize("yaw", [0, 90])
-def test_the_contour_may_leave_two_sides_alone(yaw):
-    """P_D reaches 0.1 three times as far ahead and behind as abeam."""
-    thin = {"model": "ellipsoid_exact", "x_m": 0.1, "y_m": 0.3, "z_m": 0.3}
-    radar = {"constant": 4e-4, "p_fa": 1e-6, "detector": "swerling1", "position_m": [0, 0, -3e3]}
-    keys = {"geometry__range_km": 10, "aircraft__attitude_deg": [0, 0, yaw], "radar": radar}
-    result = coverage_map(scenario(aircraft__rcs=thin, **keys))
-    farthest = (4e-4 * np.pi * 0.9**2 / (1.380649e-23 * 5)) ** 0.25
-    assert farthest < result.table["north_m"].max() < 1.3 * farthest
 
 
 def test_a_lobe_between_the_tens_of_degrees_of_elevation_is_found(tmp_path):
@@ -300,13 +286,8 @@ def test_a_lobe_between_the_tens_of_degrees_of_elevation_is_found(tmp_path):
     s = rs.load_scenario(tmp_path / "map.yaml")
     cells = square(s, (-68e3, 4e3), side=4e3)
     found, _ = area.worst_p_d_in_cells(cells)
-    states = np.zeros((7200, 6))
-    states[:, 2] = -5e3
-    states[:, 5] = np.deg2rad(np.arange(7200) / 20)
-    for i, north in enumerate(cells.north):
-        for j, east in enumerate(cells.east):
-            states[:, :2] = north, east
-            assert found[i, j] == pytest.approx(s.model.p_d(states, s.radar).max(), abs=2e-3)
+    expected = brute_force(s, cells, count=7200)
+    np.testing.assert_allclose([found[cell] for cell in TRIED], expected, atol=2e-3)
 
 
 def test_the_route_has_its_own_probabilities():

@@ -51,10 +51,7 @@ FAST = tuple(name for name in command_line.commands() if name not in SLOW)
 #: Options that are always given, because their defaults take long.
 WORK = {"runs", "digits", "step_km", "step_deg", "north_km", "east_km"}
 #: Options that need each other, and a number that is 0 one time in four.
-TOGETHER = (
-    *(("k", "threshold"), ("probability", "threshold")),
-    *(("m", "n"), ("n", "m")),
-)
+TOGETHER = (*(("k", "threshold"), ("probability", "threshold")), *(("m", "n"), ("n", "m")))
 ONE_OF_FOUR = st.integers(0, 3)
 #: Options that reach beyond the folder and the process of the test.
 BEYOND = {"dask", "workers", "help", "version"}

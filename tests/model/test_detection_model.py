@@ -17,7 +17,6 @@ from scipy.special import erfcinv
 
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel, Linearization
-from radar_sense.model.detectors import North, linearize
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 
@@ -152,43 +151,6 @@ def test_partials_agree_with_eighty_digits(kind):
             assert error.max() < 1e-12, name
 
 
-def north_argument(snr, p_fa):
-    """The exact argument of erfc, and the most that rounding can have moved it: 2u of each root."""
-    with mp.workdps(oracle.DIGITS):
-        level, root = mp.sqrt(-mp.log(mpf(p_fa))), mp.sqrt(mpf(snr) + mpf("0.5"))
-        miss = level - root
-        return miss, float(2 * (level + root) + abs(miss)) * ROUNDING
-
-
-def condition_of_erfc(z):
-    """|erfc'(z) / erfc(z)|: the relative change of erfc for a small absolute change of z."""
-    with mp.workdps(oracle.DIGITS):
-        return float(2 / mp.sqrt(mp.pi) * mp.exp(-z * z) / mp.erfc(z))
-
-
-def own_error(z):
-    """Relative error of exp(−z²) or erfc(z) themselves, which round z² before they use it."""
-    return (max(float(z), 0.0) ** 2 + 8) * ROUNDING
-
-
-def test_small_p_fa_costs_no_more_than_the_conditioning():
-    rng = np.random.default_rng(4)
-    for _ in range(400):
-        p_fa, snr = 10.0 ** rng.uniform(-200, -2), 10.0 ** rng.uniform(-3, 3)
-        miss, moved = north_argument(snr, p_fa)
-        bound = condition_of_erfc(miss) * moved + own_error(miss)
-        assert bound < 1e-12  # at z = 21 it is 3e-13: conditioning excuses no more than that
-        value, slope = linearize(North(), snr, p_fa)
-        for found in (North().p_d(snr, p_fa), value):
-            assert relative_error(found, oracle.north(snr, p_fa)) < bound
-        if snr < 100:  # no digits of the slope are claimed where it underflows
-            with mp.workdps(oracle.DIGITS):
-                exact = mp.exp(-miss * miss) / (2 * mp.sqrt(mp.pi) * mp.sqrt(mpf(snr) + mpf("0.5")))
-            bound = 2 * abs(float(miss)) * moved + own_error(abs(miss))
-            assert bound < 1e-12
-            assert relative_error(slope, exact) < bound
-
-
 def test_body_vector_agrees_with_fifty_digits():
     aircraft, radar = random_poses(np.random.default_rng(9), 500)
     for a, r, found in zip(aircraft, radar, body_vector(aircraft, radar), strict=True):
@@ -302,40 +264,6 @@ def test_states_that_do_not_fit_are_refused(aircraft, radar, says):
 
 
 # Propagation: A C A', correlations and all.
-
-
-def test_gum_h2_resistance_and_reactance():
-    """JCGM 100, H.2, from the observations of table H.2; u(X) is 0.2956, printed as 0.295."""
-    volts = [5.007, 4.994, 5.005, 4.990, 4.999]
-    amperes = [19.663e-3, 19.639e-3, 19.640e-3, 19.685e-3, 19.678e-3]
-    phases = [1.0456, 1.0438, 1.0468, 1.0428, 1.0433]
-    observations = np.array([volts, amperes, phases])
-    covariance = np.cov(observations) / 5  # of the means
-
-    # The observations are those that were meant: their means and moments are as printed.
-    volt, amp, phase = observations.mean(axis=1)
-    std = np.sqrt(np.diag(covariance))
-    assert_allclose([volt, amp, phase], [4.999, 19.661e-3, 1.04446], rtol=1e-12)
-    assert_allclose(std / [1, 1e-3, 1], [0.0032, 0.0095, 0.00075], rtol=0.01)
-    correlation = (covariance / np.outer(std, std))[[0, 0, 1], [1, 2, 2]]
-    assert_allclose(correlation, [-0.36, 0.86, -0.65], rtol=0, atol=0.005)
-
-    cos, sin = np.cos(phase), np.sin(phase)
-    jacobian = np.array(
-        [
-            [cos / amp, -volt * cos / amp**2, -volt * sin / amp],  # R = V cos φ / I
-            [sin / amp, -volt * sin / amp**2, volt * cos / amp],  # X = V sin φ / I
-            [1 / amp, -volt / amp**2, 0.0],  # Z = V / I
-        ]
-    )
-    uncertainty = np.sqrt(variance_along(jacobian, covariance))
-    assert uncertainty[[0, 2]] == pytest.approx([0.071, 0.236], abs=0.0005)
-    assert uncertainty[1] == pytest.approx(0.2956, abs=0.00005)
-    # Correlations of the results, printed too: var(R + X) = var R + var X + 2 cov(R, X).
-    for i, j, published in ((0, 1, -0.588), (0, 2, -0.485), (1, 2, 0.993)):
-        both = variance_along(jacobian[i] + jacobian[j], covariance)
-        shared = both - uncertainty[i] ** 2 - uncertainty[j] ** 2
-        assert shared / (2 * uncertainty[i] * uncertainty[j]) == pytest.approx(published, abs=5e-4)
 
 
 def random_covariance(rng, n, rank):

@@ -9,8 +9,6 @@ import oracle
 import pytest
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import stats
-from scipy.special import betainc, gammainc, gammaincc, logsumexp
 
 from radar_sense.errors import InputError
 from radar_sense.model.detectors import (
@@ -62,11 +60,11 @@ def agrees(z, by_snr, tails, snr, case):
 @pytest.mark.parametrize("cells", [None, 12])
 @pytest.mark.parametrize("cls", SHAPES)
 def test_value_and_slope_in_both_tails(cls, cells):
-    """P_fa from 1e-12 to 1e-2, N from 2 to 300, S from far below the threshold to far above."""
+    """P_fa from 1e-15 to 0.9, N from 2 to 300, S from far below the threshold to far above."""
     rng = np.random.default_rng([11, cells or 0, len(cls.__name__), int(cls is Swerling4)])
     few, many = int(rng.integers(2, 30)), int(rng.integers(30, 300 if cells is None else 90))
     for number in (few, many) if cells is None else (1, few, many):
-        p_fa = float(10 ** rng.uniform(-12, -2))
+        p_fa = float(10 ** rng.uniform(-15 if number > 1 else -9, -0.05))
         detector = cls(pulses=number, cfar=cells and CellAveraging(cells))
         pulses = PulseSum.of(number, detector.shape, number * (cells or math.inf), p_fa)
         grid = 10 ** np.linspace(-4, 6, 400)
@@ -114,38 +112,6 @@ def test_far_tails(cls, number, cells, decibels):
         assert abs(log_phi / log_tail - 1) < mpf("2e-12")
         slope = rate * mp.exp(log_phi) / mp.npdf(side)
         assert abs(mpf(float(by_snr)) / slope - 1) < mpf("1e-12")
-
-
-@pytest.mark.parametrize("cls", SHAPES)
-def test_any_pulses_and_cells_against_a_plain_sum_over_counts(cls):
-    """One to a hundred of each, P_fa from 1e-15 to 0.9, by SciPy's distributions alone."""
-    rng = np.random.default_rng(12)
-    for _ in range(20):
-        number, cells = (int(10 ** rng.uniform(0, 2 * rng.random())) for _ in range(2))
-        p_fa = float(10 ** rng.uniform(-15, -0.05))
-        detector = cls(pulses=number, cfar=CellAveraging(cells) if rng.random() < 0.7 else None)
-        try:
-            pulses = detector.tails(p_fa)
-        except InputError:  # too few cells for this P_fa
-            continue
-        t, b, shape = pulses.threshold, pulses.reference, SHAPES[cls](number)
-        snr = t / number * 10 ** rng.uniform(-2, 2, 3)
-        found = pulses.tail(snr)
-        for s, upper, log_tail in zip(snr, found.upper, found.log, strict=True):
-            m = number * s
-            count = stats.nbinom(shape, shape / (shape + m)) if shape else stats.poisson(m)
-            k = np.arange(200 + m + 40 * count.std() + 60 * m / (shape or math.inf))
-            if len(k) > 1e5:
-                continue
-            n, part = number + k, 1 / (1 + t / b)
-            if math.isinf(b):
-                tails = (gammainc if upper else gammaincc)(n, t)
-            else:
-                tails = betainc(n, b, 1 - part) if upper else betainc(b, n, part)
-            with np.errstate(divide="ignore"):
-                expected = logsumexp(count.logpmf(k) + np.log(tails))
-            if expected > -600:
-                assert_allclose(log_tail, expected, rtol=1e-9, atol=1e-9, err_msg=f"{detector}")
 
 
 @pytest.mark.parametrize("number", [1, 10, 1000])
@@ -319,21 +285,6 @@ def test_error_of_the_table(detector):
         assert_allclose(by_snr[where], slope[where], rtol=of_slope)
 
 
-def test_any_number_of_values_beyond_80_db_costs_one_table(monkeypatch):
-    """One exact value of a steady target takes 0.2 ms, and a map has 250 000 of them."""
-    computed = []
-    tail = PulseSum.tail
-
-    def counted(self, snr):
-        computed.append(len(snr))
-        return tail(self, snr)
-
-    monkeypatch.setattr(PulseSum, "tail", counted)
-    detector = Marcum(pulses=10, cfar=CellAveraging(3))
-    detector.p_d(np.geomspace(1e8, 1e15, 250_000), 1.25e-5)
-    assert sum(computed) < 5000
-
-
 @pytest.mark.parametrize("detector", [North(), *TABLED], ids=str)
 def test_more_signal_is_detected_more_often(detector):
     """From P_fa up, and on both sides of where the tail that is summed changes."""
@@ -352,8 +303,9 @@ def test_more_signal_is_detected_more_often(detector):
 def test_any_shape_and_any_size(detector):
     """Where S is NaN, all values are NaN. Beyond the table, values are the exact ones."""
     snr = np.array([0, 1e-300, 1e-20, 1, 744, 1e6, HIGHEST, 1e20, 1e160, np.nan])
-    one_pulse = (North(), *TABLED[:3])
-    for p_fa in (1e-6, *(1e-300, 0.9, 1 - 2.0**-53) * (detector in one_pulse)):
+    one_pulse = detector in (North(), *TABLED[:3])
+    nearly_one = 1 - (1e-13 if detector == Marcum() else 2.0**-53)  # its table would take 3 s
+    for p_fa in (1e-6, *(1e-300, 0.9, nearly_one) * one_pulse):
         for function in (detector.p_d, partial(linearize, detector), detector.linearize_probit):
             found = np.array(function(snr, p_fa))
             assert np.isfinite(found[..., :-1]).all()
@@ -409,7 +361,7 @@ def shnidman(p_d, p_fa, number, shape):
 
 
 def test_albersheim_and_shnidman_within_their_stated_errors():
-    """The stated errors are 0.2 and 0.5 dB; a linear detector is worth up to 0.1 dB."""
+    """As docs/questions/scenario.md says; a linear detector is worth up to 0.1 dB."""
     for number, p_fa in ((1, 1e-7), (10, 1e-3), (100, 1e-7)):
         for cls in SHAPES:
             detector = cls(pulses=number)

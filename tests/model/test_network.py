@@ -19,7 +19,7 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.propagation import METHODS, propagate, propagate_scenario, unreliable
+from radar_sense.propagation import METHODS, propagate_scenario, unreliable
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.sources import error_budget
 
@@ -46,14 +46,6 @@ def test_a_network_of_one_is_the_single_radar(limits):
             mine, theirs = fields_of(mine), fields_of(theirs)
         for a, b in zip(mine, theirs, strict=True):
             assert_allclose(a, b, rtol=1e-12)
-    cov = (PAPER.cov_aircraft, PAPER.with_analysis(level="high").cov_radar)
-    for method in METHODS:
-        mine, theirs = (
-            propagate(model, aircraft[::20], radar, *cov, method=method)
-            for model in (one, RADAR_MODEL)
-        )
-        for a, b in zip(fields_of(mine), fields_of(theirs), strict=True):
-            assert_array_equal(a, b)
 
 
 # The fused P_D and its partials.

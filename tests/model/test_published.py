@@ -42,31 +42,40 @@ def snr_db(radar, rcs, distance):
 # MATLAB Radar Toolbox, https://www.mathworks.com/help/radar/ref/<function>.html, with B = 1/tau.
 
 
-@pytest.mark.parametrize(
-    ("gain", "loss", "rcs", "printed", "digit"),
-    [(20, 0, 1.0, 4.1057e4, 0.5), (40, 3, 0.1, 1.9426e5, 5.0)],
-)
-def test_range_of_radareqrng(gain, loss, rcs, printed, digit):
-    """radareqrng.html: 10 GHz, 1 MW, 10 us, 290 K; the range at an SNR of 6 dB."""
-    radar = TrackingRadar(1e6, gain, C / 10e9, 1 / 10e-6, 290, loss, 0)
-    found = brentq(lambda distance: snr_db(radar, rcs, distance) - 6, 1e3, 1e6, xtol=1e-6)
-    assert found == pytest.approx(printed, abs=digit)
+#: A radar, m², m, the SNR [dB] that is printed, and what its last digit is worth.
+PRINTED_SNR = {
+    # 10 GHz, 1 MW, 10 us, 290 K: the range for 6 dB
+    "radareqrng": (TrackingRadar(1e6, 20, C / 10e9, 1e5, 290, 0, 0), 1.0, 4.1057e4, 6, 2.2e-4),
+    "radareqrng, 40 dB": (TrackingRadar(1e6, 40, C / 10e9, 1e5, 290, 3, 0), 0.1, 1.9426e5, 6, 5e-4),
+    "radareqsnr": (TrackingRadar(1e6, 40, C / 10e9, 1e6, 300, 3, 0), 0.5, 1e5, 14.3778, 5e-5),
+    "radareqsnr, 1 GHz": (TrackingRadar(1e6, 20, C / 1e9, 5e6, 290, 0, 0), 1, 5e4, 5.5868, 5e-5),
+    # the peak power for 6 and 10 dB
+    "radareqpow": (TrackingRadar(2.1996e5, 20, C / 1e9, 1e6, 290, 0, 0), 1.0, 50e3, 6, 1e-4),
+    "radareqpow, 10 GHz": (
+        TrackingRadar(2.2809e6, 30, C / 10e9, 1e6, 300, 3, 0),
+        0.5,
+        5e4,
+        10,
+        1e-4,
+    ),
+    # Mahafza (2000), section 1.4, with k = 1.38e-23
+    "C band": (TrackingRadar(1.5e6, 45, 3e8 / 5.6e9, 5e6, 290, 0, 3), 0.1, 10**4.933775, 20, 0.01),
+    # Stone Soup, test_target_rcs: 10 pulses of 10 kW, duty 0.18, printed as 8.197 and 2.125
+    "X band": (TrackingRadar(1.8e4, 36, C / 10e9, 24591.9, 290, 0, 5), 10, 15e4, db(8.197), 3e-4),
+    "X band, far": (
+        TrackingRadar(18e3, 36, C / 1e10, 24591.9, 290, 0, 5),
+        20,
+        25e4,
+        db(2.125),
+        1e-3,
+    ),
+}
 
 
-def test_snr_of_radareqsnr():
-    """radareqsnr.html: 0.5 m2 at 100 km, 10 GHz, 40 dB, 300 K; 1 m2 at 50 km, 1 GHz, 20 dB."""
-    radar = TrackingRadar(1e6, 40, C / 10e9, 1 / 1e-6, 300, 3, 0)
-    assert snr_db(radar, 0.5, 100e3) == pytest.approx(14.3778, abs=0.00005)
-    radar = TrackingRadar(1e6, 20, C / 1e9, 1 / 0.2e-6, 290, 0, 0)
-    assert snr_db(radar, 1.0, 50e3) == pytest.approx(5.5868, abs=0.00005)
-
-
-def test_power_of_radareqpow():
-    """radareqpow.html: 2.1996e5 W for 6 dB of 1 m2, 2.2809e6 W for 10 dB of 0.5 m2, at 50 km."""
-    radar = TrackingRadar(1, 20, C / 1e9, 1 / 1e-6, 290, 0, 0)
-    assert 10 ** ((6 - snr_db(radar, 1.0, 50e3)) / 10) == pytest.approx(2.1996e5, abs=5)
-    radar = TrackingRadar(1, 30, C / 10e9, 1 / 1e-6, 300, 3, 0)
-    assert 10 ** ((10 - snr_db(radar, 0.5, 50e3)) / 10) == pytest.approx(2.2809e6, abs=50)
+@pytest.mark.parametrize("name", PRINTED_SNR)
+def test_snr(name):
+    radar, rcs, distance, printed, digit = PRINTED_SNR[name]
+    assert snr_db(radar, rcs, distance) == pytest.approx(printed, abs=digit)
 
 
 def test_search_radar_of_radareqsearchpap_and_radareqsearchsnr():
@@ -101,12 +110,6 @@ def test_binary_integration_of_matlab():
     assert shnidman - of_sum == pytest.approx(0.0201, abs=0.00005)
 
 
-def test_c_band_example_of_the_textbook():
-    """Mahafza (2000), section 1.4: 20 dB of 0.1 m² at 10^(197.351/40) m, with k = 1.38e-23."""
-    radar = TrackingRadar(1.5e6, 45, 3e8 / 5.6e9, 5e6, 290, 0, 3)
-    assert snr_db(radar, 0.1, 10 ** (19.7351 / 4)) == pytest.approx(20, abs=0.01)
-
-
 # Stone Soup, https://github.com/dstl/Stone-Soup/blob/710a094faab64c021a161d690cf15dcfa4437489/
 # stonesoup/sensor/radar/tests/test_radar.py.
 
@@ -132,13 +135,6 @@ def test_aesa_of_stone_soup():
     states = np.array([*target, 0, 0, 0]), np.array([0, 0, 0, radar.constant()])
     assert model.snr(*states) == pytest.approx(16.01, abs=0.005)
     assert model.p_d(*states) == pytest.approx(0.688, abs=0.0005)
-
-
-@pytest.mark.parametrize(("distance", "rcs", "printed"), [(150e3, 10, 8.197), (250e3, 20, 2.125)])
-def test_target_of_stone_soup(distance, rcs, printed):
-    """test_target_rcs: X band, 36 dB, 10 pulses, duty 0.18, 24 591.9 Hz, 5 dB, 10 kW."""
-    radar = TrackingRadar(1e4 * 10 * 0.18, 36, C / 10e9, 24591.9, 290, 0, 5)
-    assert 10 ** (snr_db(radar, rcs, distance) / 10) == pytest.approx(printed, abs=0.0005)
 
 
 def test_north_at_the_snr_that_stone_soup_prints():

@@ -176,42 +176,34 @@ class Bare(Cardioid):
         return super().linearize(body_vector)[0]
 
 
-NOT_CARDIOID = {
-    "Halved.linearize must return the σ_r of cross_section": Halved,
-    "σ_r of Unscaled must not depend on the distance": Unscaled,
-    "σ_r of Round, which is isotropic, must be the same at all aspects": type(
-        "Round", (Cardioid,), {"isotropic": True}
+def number(detail):
+    return f"Cardioid.detail must be a number greater than 0, got {detail}"
+
+
+GRADIENT = "the gradient of Cardioid.linearize is not that of"
+#: Cross sections of one's own, and what is wrong with them.
+REFUSED = [
+    (Halved(1.0), "Halved.linearize must return the σ_r of cross_section"),
+    (Unscaled(1.0), "σ_r of Unscaled must not depend on the distance"),
+    (
+        type("Round", (Cardioid,), {"isotropic": True})(1.0),
+        "σ_r of Round, which is isotropic, must be the same at all aspects",
     ),
-    "Bare.linearize must return a pair, a value and a slope, got array": Bare,
-}
+    (Bare(1.0), "Bare.linearize must return a pair, a value and a slope, got array"),
+    *((Cardioid(1.0, detail), number(repr(detail))) for detail in (0, -1.0, np.nan, "x", None)),
+    *((Cardioid(factor), GRADIENT) for factor in (0.0, 0.5, -1.0, 1.05)),
+]
 
 
-@pytest.mark.parametrize("message", NOT_CARDIOID)
-def test_a_cross_section_of_ones_own_is_one_function_of_the_aspect(message):
-    with pytest.raises(rs.InputError, match=rf"^{message}"):
-        rs.DetectionModel(rcs=NOT_CARDIOID[message](1.0), p_fa=1e-4)
-
-
-@pytest.mark.parametrize("detail", [0, -1.0, np.nan, "x", None])
-def test_the_detail_of_a_cross_section_of_ones_own_is_a_positive_number(detail):
-    rs.DetectionModel(rcs=Cardioid(1.0, np.inf), p_fa=1e-4)
-    with pytest.raises(
-        rs.InputError, match=r"^Cardioid.detail must be a number greater than 0, go"
-    ):
+@pytest.mark.parametrize(("rcs", "says"), REFUSED)
+def test_a_cross_section_of_ones_own_is_one_function_of_the_aspect(rcs, says, monkeypatch):
+    """Also one that is registered."""
+    for detail in (np.pi, np.inf):
         rs.DetectionModel(rcs=Cardioid(1.0, detail), p_fa=1e-4)
-
-
-def test_a_registered_cross_section_of_ones_own_is_checked_too(monkeypatch):
-    monkeypatch.setitem(RCS_MODELS, "halved", Halved)
-    with pytest.raises(rs.InputError, match=r"^Halved.linearize must return"):
-        rs.DetectionModel(rcs=Halved(1.0), p_fa=1e-4)
-
-
-@pytest.mark.parametrize("factor", [0.0, 0.5, -1.0, 1.05])
-def test_a_gradient_of_ones_own_is_that_of_the_cross_section(factor):
-    rs.DetectionModel(rcs=Cardioid(1.0), p_fa=1e-4)
-    with pytest.raises(rs.InputError, match=r"^the gradient of Cardioid.linearize is not that of"):
-        rs.DetectionModel(rcs=Cardioid(factor), p_fa=1e-4)
+    for _ in range(2):
+        with pytest.raises(rs.InputError, match=rf"^{says}"):
+            rs.DetectionModel(rcs=rcs, p_fa=1e-4)
+        monkeypatch.setitem(RCS_MODELS, "own", type(rcs))
 
 
 @pytest.mark.parametrize("name", ["isotropic", "detail", "cross_section", "linearize"])

@@ -141,29 +141,6 @@ def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
     assert warned[0].any() or not limits
 
 
-def test_a_limit_matters_where_the_error_makes_the_radar_see():
-    """The pose is near the limit, and P_D just within the limit is anything from 0 to 1."""
-
-    def warns(s):
-        moments = propagate_scenario(s, method="form")
-        return bool(unreliable_in_scenario(s, moments, method="form")[0])
-
-    content = sheet_document(tolerances={"loss_db": 0})
-    content["uncertainty"]["aircraft"]["rcs_db"] = 3
-    of_rcs = rs.parse_scenario(yaml_text(content)).at_poses(slice(0, 1))
-    of_loss = rs.parse_scenario(yaml_text(sheet_document(tolerances={"loss_db": 3})))
-    warned = []
-    for area in np.geomspace(1e-4, 1e-2, 7):
-        model = rs.DetectionModel(ConstantRCS(area), 1e-6)
-        network = NetworkModel((Radar(model, max_range=220.3e3),))
-        one, other = (
-            with_arrays(s, model=network) for s in (of_loss.at_poses(slice(0, 1)), of_rcs)
-        )
-        assert warns(one) == warns(other)
-        warned.append(warns(other))
-    assert any(warned)
-
-
 def test_the_rcs_error_is_read_and_read_back(tmp_path):
     plain = {"position_m": 10, "attitude_deg": 1}
     given = scenario(uncertainty__aircraft={**plain, "rcs_db": 1.5})

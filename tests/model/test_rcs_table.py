@@ -5,8 +5,7 @@ import runpy
 
 import numpy as np
 import pytest
-import yaml
-from helpers import CONFIGS, OVERHEAD, direction, document, read_record, scenario
+from helpers import CONFIGS, OVERHEAD, direction, read_record, scenario
 from studies.bands import model as independent
 
 import radar_sense as rs
@@ -22,7 +21,7 @@ def uneven(rng, count):
     """Azimuths once around with steps that differ, none of them a gap."""
     steps = rng.uniform(1, 1.4, count)
     turns = np.concatenate([[0], np.cumsum(steps)])
-    return -np.pi + rng.uniform(0, 1) + turns[:-1] / turns[-1] * 2 * np.pi
+    return -np.pi + rng.uniform(0, 3.2) + turns[:-1] / turns[-1] * 2 * np.pi
 
 
 def cut(rng, count=36):
@@ -66,22 +65,6 @@ def test_a_table_is_a_product_of_splines_and_exact_at_its_nodes():
         np.testing.assert_allclose(table.cross_section(direction(*between)), expected, rtol=1e-11)
 
 
-@pytest.mark.parametrize("first", [-180, -179.5, -45.0, 0, 0.5])
-def test_a_cut_is_periodic_wherever_it_begins(first):
-    """The same values at the same directions, counted from another azimuth."""
-    azimuth = np.arange(first, first + 360, 5.0) * DEG
-
-    def sigma(azimuth):
-        return np.exp(np.sin(azimuth) + 0.5 * np.cos(2 * azimuth))
-
-    table = rs.TableRCS(azimuth, sigma(azimuth))
-    fine = np.linspace(-np.pi, np.pi, 1001)
-    found = table.cross_section(direction(fine, np.zeros(1001)))
-    # The error of a cubic spline is at most 5/384 h⁴ max|f⁗| (C. A. Hall and W. W. Meyer, J.
-    # Approx. Theory 16, 1976): here 5/384 · 0.0873⁴ · 9 in ln σ.
-    np.testing.assert_allclose(np.log(found), np.log(sigma(fine)), atol=6.8e-6)
-
-
 @pytest.mark.parametrize("kind", ["cut", "grid", "poles", "envelope", "envelope of a grid"])
 def test_the_gradient_is_that_of_the_cross_section(kind):
     rng = np.random.default_rng(5)
@@ -117,7 +100,7 @@ def test_beyond_its_elevations_a_grid_is_constant_and_smooth():
     for edge, beyond in ((60, 89), (-40, -89)):
         here, there = (table.cross_section(direction(azimuth, e * DEG)) for e in (edge, beyond))
         np.testing.assert_allclose(there, here, rtol=1e-12)
-        around = direction(np.array(0.3), edge * DEG + np.array([-1e-7, 1e-7]))
+        around = direction(np.array(0.3), edge * DEG + np.array([-2e-8, 2e-8]))
         (inside, outside), gradients = table.linearize(around)
         assert inside == pytest.approx(outside, rel=1e-9)
         np.testing.assert_allclose(*gradients, atol=1e-4 * inside)
@@ -197,12 +180,7 @@ def within(rng, azimuth, elevation, width):
 
 @pytest.mark.parametrize(
     ("kind", "narrow"),
-    [
-        ("cut", 1e-3),
-        ("lobes", 1 * DEG),
-        ("part", 1e-3),
-        ("to the poles", 4 * DEG),
-    ],
+    [("cut", 1e-3), ("lobes", 1 * DEG), ("part", 1e-3), ("to the poles", 4 * DEG)],
 )
 def test_the_envelope_is_never_below_the_table_within_its_angle(kind, narrow):
     """At random directions, of which some are at nodes of the table."""
@@ -286,44 +264,23 @@ def flat(low, high, step=2):
 
 def write(path, *rows):
     path.write_text("\n".join([*rows, ""]), encoding="utf-8")
-    return path
 
 
 def full(step=30, start=-180, stop=180, value="0.5"):
     return [f"{a},{value}" for a in range(start, stop, step)]
 
 
-def in_folder(folder, **entry):
-    """Write the paper's scenario with a table to a folder of its own, and return its path."""
-    changed = document(aircraft__rcs={"model": "table", "file": "t.csv", **entry})
-    path = folder / "scenarios" / "s.yaml"
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(yaml.safe_dump(changed, sort_keys=False), encoding="utf-8")
-    return path
-
-
-def test_the_file_is_looked_for_beside_the_scenario(here):
-    path = in_folder(here)
-    write(path.parent / "t.csv", *A, *full())
-    s = rs.load_scenario(path)
-    assert isinstance(s.radars[0].model.rcs, rs.TableRCS)
-    assert rs.load_scenario(path.relative_to(here)).resolved() == s.resolved()
-    entry = s.resolved()["aircraft"]["rcs"]
-    assert entry["file"] == "scenarios/t.csv"  # from the working folder
-    path.unlink()
-    again = rs.parse_scenario(yaml.safe_dump(s.resolved()))
-    assert again.resolved() == s.resolved()
-    np.testing.assert_array_equal(again.radars[0].model.rcs.rcs, s.radars[0].model.rcs.rcs)
+#: The RCS of a scenario by a table.
+ENTRY = {"model": "table", "file": "t.csv"}
 
 
 def test_mirror_and_envelope_are_read(here):
-    path = in_folder(here, mirror=True, envelope_deg=15)
-    write(path.parent / "t.csv", *A, *(f"{a},{1 + (a == 90)}" for a in range(0, 181, 5)))
-    s = rs.load_scenario(path)
-    assert s.radars[0].model.rcs.envelope == pytest.approx(15 * DEG)
-    assert s.resolved()["aircraft"]["rcs"]["mirror"] is True
-    assert s.resolved()["aircraft"]["rcs"]["envelope_deg"] == 15
-    wings = pattern(s.radars[0].model.rcs, np.array([75.0, 90, 105, -75, -90, -105]), np.zeros(1))
+    write(here / "t.csv", *A, *(f"{a},{1 + (a == 90)}" for a in range(0, 181, 5)))
+    s = scenario(aircraft__rcs={**ENTRY, "mirror": True, "envelope_deg": 15})
+    rcs, recorded = s.radars[0].model.rcs, s.resolved()["aircraft"]["rcs"]
+    assert rcs.envelope == pytest.approx(15 * DEG)
+    assert (recorded["mirror"], recorded["envelope_deg"]) == (True, 15)
+    wings = pattern(rcs, np.array([75.0, 90, 105, -75, -90, -105]), np.zeros(1))
     np.testing.assert_allclose(wings, 2, rtol=2e-12)
 
 
@@ -337,28 +294,24 @@ def test_mirror_and_envelope_are_read(here):
     ],
 )
 def test_bad_entries_are_refused(here, entry, words):
-    path = in_folder(here, **entry)
-    write(path.parent / "t.csv", *A, *full())
-    with pytest.raises(rs.InputError, match=words) as caught:
-        rs.load_scenario(path)
-    assert str(caught.value).startswith(f"{path}:")
+    write(here / "t.csv", *A, *full())
+    with pytest.raises(rs.InputError, match=rf"^scenario:\d+: .*{words}"):
+        scenario(aircraft__rcs={**ENTRY, **entry})
 
 
 def test_a_table_that_the_geometry_leaves_is_refused(here):
     write(here / "t.csv", *flat(-10, 30, 10))
-    entry = {"model": "table", "file": "t.csv"}
-    scenario(aircraft__rcs=entry)
-    with pytest.raises(rs.InputError) as caught:
-        scenario(aircraft__rcs=entry, geometry__down_km=-300)
-    message = str(caught.value)
-    assert message.startswith("scenario:")
-    assert "geometry: at azimuth 0 deg the aircraft sees the radar at elevation -31 deg" in message
-    assert "the RCS table covers -10 to 30 deg" in message
+    scenario(aircraft__rcs=ENTRY)
+    says = (
+        r"^scenario:.*geometry: at azimuth 0 deg the aircraft sees the radar at elevation -31 deg"
+    )
+    with pytest.raises(rs.InputError, match=says + ".*the RCS table covers -10 to 30 deg"):
+        scenario(aircraft__rcs=ENTRY, geometry__down_km=-300)
     # Banked by 20 degrees the right wing's side of the orbit is too low.
     with pytest.raises(rs.InputError, match="covers -10 to 30 deg"):
-        scenario(aircraft__rcs=entry, aircraft__attitude_deg=[-20, 0, 90])
+        scenario(aircraft__rcs=ENTRY, aircraft__attitude_deg=[-20, 0, 90])
     write(here / "t.csv", *A, *full())
-    scenario(aircraft__rcs=entry, geometry__down_km=-300)  # a cut is for all elevations
+    scenario(aircraft__rcs=ENTRY, geometry__down_km=-300)  # a cut is for all elevations
 
 
 def test_the_script_makes_the_synthetic_table(here):
@@ -409,16 +362,6 @@ def test_the_command_writes_a_table_that_can_be_read_again(tool, tmp_path):
     assert record["summary"]["smallest"]["rcs_m2"] == pytest.approx(nose, rel=1e-12)
 
 
-def test_the_command_says_where_draws_leave_the_table(tool, here):
-    path = in_folder(here)
-    write(path.parent / "t.csv", *flat(-4, 30))
-    _, _, err = tool("rcs", path, "--no-plot")
-    assert err == ""
-    write(path.parent / "t.csv", *flat(-2, 30))
-    _, _, err = tool("rcs", path, "--no-plot")
-    assert "from -2 to 30 deg; states within 3 sigma are at -3.3 to 2.7 deg, beyond it" in err
-
-
 def test_the_summary_of_the_rcs():
     """Straight above, which has no azimuth, is the end of the longest axis."""
     up = directions(np.arange(-180.0, 180, 30), np.array(90.0))
@@ -452,7 +395,7 @@ def test_a_written_table_has_one_value_at_each_pole(here):
     ):
         text = "\n".join([name, *(",".join(map(str, line)) for line in lines)])
         (here / "t.csv").write_text(text)
-        rcs = {"model": "table", "file": "t.csv"} | ({} if end == 90 else {"envelope_deg": 3})
+        rcs = ENTRY | ({} if end == 90 else {"envelope_deg": 3})
         found = analyses.rcs(scenario(aircraft__rcs=rcs)).table
         assert np.ptp(found["elevation_deg"]) == pytest.approx(2 * end)
         for pole in (-90, 90):
@@ -497,7 +440,7 @@ def elevations_within_3_sigma(pose, s):
 
 def test_poses_beyond_the_table_are_counted(here):
     change = {
-        "aircraft__rcs": {"model": "table", "file": "t.csv"},
+        "aircraft__rcs": ENTRY,
         "geometry__azimuth_deg": {"start": 0, "stop": 40, "step": 10},
         "uncertainty__aircraft": {"position_m": 10, "attitude_deg": [3, 1, 1]},
     }
@@ -541,7 +484,7 @@ def test_a_narrow_row_of_a_table_is_its_largest_value(here):
     """A row between two whole degrees."""
     fine = [f"{a / 4},{15 if a == 122 else -20}" for a in range(-720, 720)]
     write(here / "t.csv", "azimuth_deg,rcs_dbsm", *fine)
-    result = analyses.rcs(scenario(aircraft__rcs={"model": "table", "file": "t.csv"}))
+    result = analyses.rcs(scenario(aircraft__rcs=ENTRY))
     assert result.report[0] == "largest RCS 15.0 dBsm at azimuth 30.5 deg, any elevation"
 
 
@@ -554,7 +497,7 @@ def test_what_elevations_may_miss_is_warned_of(here):
     # fine elevations of a table do not cost it its azimuths
     rows = [f"{a},{e},{1 + a % 7}" for a in range(0, 360, 30) for e in (-0.36, -0.35, -0.34, -0.33)]
     write(here / "t.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows)
-    result = analyses.rcs(scenario(aircraft__rcs={"model": "table", "file": "t.csv"}))
+    result = analyses.rcs(scenario(aircraft__rcs=ENTRY))
     assert len(np.unique(result.table["azimuth_deg"])) == 360
 
 
@@ -564,7 +507,7 @@ def test_the_extremes_of_a_table_are_within_it_and_none_is_missed(here, step, to
     nodes = [(a, e) for a in range(0, 360, 30) for e in range(-5, 31, step)]
     rows = (f"{a},{e},{100 if (a, e) == (30, top) else 1}" for a, e in nodes)
     write(here / "t.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows)
-    result = analyses.rcs(scenario(aircraft__rcs={"model": "table", "file": "t.csv"}))
+    result = analyses.rcs(scenario(aircraft__rcs=ENTRY))
     assert result.report[0] == f"largest RCS 20.0 dBsm at azimuth 30 deg, elevation {top} deg"
     assert result.table["rcs_m2"].max() == pytest.approx(100, rel=1e-9)
     assert result.warnings == ()

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import assert_refused, cov_by_level, read_record, refusal, write
+from helpers import cov_by_level, one_line, read_record, refusal, write
 from scenario_file.refused import place_of_error, refused
 
 import radar_sense as rs
@@ -261,11 +261,8 @@ def test_mapping_inside_itself(path):
     keys = [p.split(".")[-1] for p in PATHS if p.rpartition(".")[0] == path]
     loop = ", ".join(f"{key}: *loop" for key in keys)
     place_of_error(yaml_text(replaced({path: f"&loop {{{loop}}}"})))
-
-
-@pytest.mark.parametrize("rows", ["&m [*m, *m, *m, *m]", "&m [&r [*r, *r, *r, *r], *r, *r, *r]"])
-def test_matrix_inside_itself(rows):
-    place_of_error(yaml_text(replaced({RADAR: f"{{covariance: {rows}}}"})))
+    for rows in ("&m [*m, *m, *m, *m]", "&m [&r [*r, *r, *r, *r], *r, *r, *r]"):
+        place_of_error(yaml_text(replaced({RADAR: f"{{covariance: {rows}}}"})))
 
 
 @pytest.mark.parametrize("unit", ["a,", "- - - a\n", "'"])
@@ -305,20 +302,19 @@ def test_unusual_file_names(tool, name):
 # Options.
 
 
-@pytest.mark.parametrize("out", ["file", "file/below", "/proc/nope", "x" * 300])
+@pytest.mark.parametrize("out", ["file", "file/below", "/proc/nope", "x" * 300, "loop"])
 def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_computed(tool, fake, out):
     fake(lambda: pytest.fail("computed"))
     Path("file").write_text("mine")
-    code, printed, err = tool("fake", "--out", out)
-    assert_refused(code, printed, err)
-    assert err.startswith(f"Error: --out: cannot write to {out}: ")
-    assert [p.name for p in Path().iterdir()] == ["file"]
+    Path("loop").symlink_to("loop")
+    assert one_line(tool, "fake", "--out", out).startswith(f"Error: --out: cannot write to {out}: ")
+    assert sorted(p.name for p in Path().iterdir()) == ["file", "loop"]
     assert Path("file").read_text() == "mine"
 
 
 @pytest.mark.parametrize("name", ["", "/proc/nope.yaml", "x" * 300, "."])
 def test_init_that_cannot_write(tool, name):
-    assert_refused(*tool("init", name))
+    one_line(tool, "init", name)
     assert not list(Path().iterdir())
 
 
@@ -399,7 +395,7 @@ def test_seed_in_file_and_as_option(tool, seed):
 def test_a_seed_of_more_digits_than_python_reads(tool):
     write(yaml_text(replaced({**FEW, "analysis.seed": "9" * 5000})))
     for args in (["my.yaml"], ["--seed", "9" * 5000]):
-        assert_refused(*tool("montecarlo", *args, "--runs", "2", "--no-plot"))
+        one_line(tool, "montecarlo", *args, "--runs", "2", "--no-plot")
 
 
 @pytest.mark.parametrize(
@@ -443,14 +439,11 @@ def block(rows: Sequence[Sequence[float]]) -> str:
 @pytest.mark.parametrize(
     "value", ["10", "[10, 10, 10]", "[[100, 0, 0], [0, 100, 0], [0, 0, 100]]", "[10, 10.0, 1e1]"]
 )
-def test_a_deviation_can_be_written_in_three_ways(value):
-    scenario = with_changes(uncertainty__aircraft__position_m=value)
-    assert (scenario.cov_aircraft[:3, :3] == 100 * np.eye(3)).all()
-    assert (scenario.cov_aircraft[:3, 3:] == 0).all()
-
-
-def test_uncertainties_become_si():
-    scenario = with_changes(uncertainty__aircraft__attitude_deg="[1, 2, 3]")
+def test_uncertainties_become_si(value):
+    """A deviation can be written in three ways."""
+    scenario = with_changes(
+        uncertainty__aircraft__position_m=value, uncertainty__aircraft__attitude_deg="[1, 2, 3]"
+    )
     variances = [100.0] * 3 + [math.radians(a) ** 2 for a in (1, 2, 3)]
     assert scenario.cov_aircraft == pytest.approx(np.diag(variances), rel=1e-15, abs=0)
     assert (cov_by_level(scenario)["medium"] == np.diag([1e4, 1e4, 1e4, 25])).all()

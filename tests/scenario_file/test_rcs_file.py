@@ -17,22 +17,24 @@ def full(step=30, start=-180, stop=180, value="0.5"):
     return [f"{a},{value}" for a in range(start, stop, step)]
 
 
-def test_units_order_and_comments(here):
+def test_units_and_order(here):
+    """`test_table_file` has other ways to write the same numbers."""
     rng = np.random.default_rng(13)
     azimuth, elevation = range(-180, 180, 20), range(-30, 60, 15)
     level = rng.integers(-300, 100, (18, 6)) / 10
-    decibels = ["# made up", "", "azimuth_deg, elevation_deg, rcs_dbsm", "  # by azimuth"]
+    decibels = ["azimuth_deg,elevation_deg,rcs_dbsm"]
+    decibels += [
+        f"{a},{e},{level[i, j]}" for i, a in enumerate(azimuth) for j, e in enumerate(elevation)
+    ]
     square = ["rcs_m2,elevation_deg,azimuth_deg"]
-    for i, a in enumerate(azimuth):
-        decibels += [f"{a}, {e}, {level[i, j]}" for j, e in enumerate(elevation)]
-    for j, e in enumerate(elevation):
-        square += [f'{float(10 ** (level[i, j] / 10))!r},{e},"{a}"' for i, a in enumerate(azimuth)]
-    one = rs.load_rcs_table(write(here / "one.csv", *decibels))
-    (here / "two.csv").write_bytes(b"\xef\xbb\xbf" + "\r\n".join([*square, ""]).encode())
-    other = rs.load_rcs_table(here / "two.csv")
-    np.testing.assert_allclose(one.rcs, 10 ** (level / 10), rtol=1e-14)
-    np.testing.assert_allclose(other.rcs, one.rcs, rtol=1e-14)
-    for table in (one, other):
+    square += [
+        f"{10 ** (level[i, j] / 10)},{e},{a}"
+        for j, e in enumerate(elevation)
+        for i, a in enumerate(azimuth)
+    ]
+    for rows in (decibels, square):
+        table = rs.load_rcs_table(write(here / "a.csv", *rows))
+        np.testing.assert_allclose(table.rcs, 10 ** (level / 10), rtol=1e-14)
         np.testing.assert_allclose(table.azimuth, np.deg2rad(azimuth), rtol=1e-15)
         np.testing.assert_allclose(table.elevation, np.deg2rad(elevation), rtol=1e-15)
 
@@ -160,17 +162,16 @@ def test_refused_with_file_and_line(here, name):
         rs.load_rcs_table("bad.csv")
 
 
-def test_a_whole_table_is_not_mirrored(here):
-    write(here / "a.csv", *A, *full(30, 0, 360))
-    with refused("a.csv:9: mirror: true is for ... got 210"):
-        rs.load_rcs_table("a.csv", mirror=True)
-
-
-def test_a_gap_above_is_named_where_it_stands_first(here):
-    rows = [f"{a},{e},1" for a in range(0, 181, 30) for e in (-20, -10, 0, 20, 30)]
-    write(here / "a.csv", *G, *rows)
-    with refused("a.csv:5: a gap in elevation, from 0 to 20 deg"):
-        rs.load_rcs_table("a.csv", mirror=True)
+def test_what_is_not_mirrored(here):
+    """A whole table; and a gap is named where it stands first."""
+    gap = [f"{a},{e},1" for a in range(0, 181, 30) for e in (-20, -10, 0, 20, 30)]
+    for rows, says in (
+        ([*A, *full(30, 0, 360)], "9: mirror: true is for ... got 210"),
+        ([*G, *gap], "5: a gap in elevation, from 0 to 20 deg"),
+    ):
+        write(here / "a.csv", *rows)
+        with refused(f"a.csv:{says}"):
+            rs.load_rcs_table("a.csv", mirror=True)
 
 
 def test_not_a_file(here):

@@ -31,7 +31,7 @@ from radar_sense.covariance import problem
 from radar_sense.model import geodesy as wgs84
 from radar_sense.model.track import covariance_in_frame
 from radar_sense.model.trajectory import resample
-from radar_sense.scenario_file import table_file, text_file
+from radar_sense.scenario_file import text_file
 
 G = 9.80665
 SIMPLE = f"{HEAD}\n0,0,0,-1000\n1,100,0,-1000\n2,200,0,-1000\n"
@@ -186,18 +186,6 @@ def test_the_size_of_the_blocks_changes_nothing(monkeypatch):
         np.testing.assert_array_equal(own, other)
 
 
-def test_a_covariance_of_roll_and_yaw_straight_up_is_refused():
-    # Level flight a quarter around the earth is straight down for the origin.
-    columns = {
-        **geodetic([0.0, 7.5], np.array([[0.0, 0.0, 0.0], [0.0, np.pi / 2, 0.0]])),
-        **dict(zip(ATTITUDE, ([0, 0], [0, 0], [90, 90]), strict=True)),
-    }
-    load(columns, origin=(0.0, 0.0, 0.0))
-    uncertain = load({**columns, **{name: [1, 1] for name in STD}}, origin=(0.0, 0.0, 0.0))
-    with refused("at time_s 7.5 ... straight up or down"):
-        in_frame(uncertain)
-
-
 def test_the_track_along_the_equator_is_level_where_the_aircraft_is():
     time = np.arange(0.0, 2000.0, 10.0)
     longitude = 250.0 / (wgs84.SEMI_MAJOR + 1e4) * time
@@ -313,11 +301,7 @@ def test_an_origin_must_be_a_place_and_have_a_use():
             load(f"{GEO}\n0,0,0,0\n1,0,1,0\n", origin=wrong)
 
 
-def test_too_many_rows_and_too_large_a_file(monkeypatch):
-    monkeypatch.setattr(table_file, "MAX_ROWS", 3)
-    assert len(load(SIMPLE).time_s) == 3
-    with refused("route.csv:6: has more than 3 rows"):
-        load("\n" + SIMPLE + "3,300,0,0\n")
+def test_too_large_a_file(monkeypatch):
     monkeypatch.setattr(text_file, "MAX_BYTES", 2**20)
     with refused("is larger than 1 MiB"):
         load(SIMPLE + f"#{'x' * 2**15}\n" * 32)

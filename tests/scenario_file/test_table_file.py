@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from helpers import document, single, write_path
+from helpers import assert_same_scenario, document, write_path, yaml_text
 from scenario_file.refused import refused
 
 import radar_sense as rs
@@ -139,14 +138,35 @@ def scenario_with(loader):
         return write_path(Path(), ROUTE), Path("route.csv")
     Path("table.csv").write_text(TABLE)
     content = document(aircraft__rcs={"model": "table", "file": "table.csv"})
-    Path("scenario.yaml").write_text(yaml.safe_dump(content))
+    Path("scenario.yaml").write_text(yaml_text(content))
     return Path("scenario.yaml"), Path("table.csv")
 
 
-def digest_of(scenario):
+def block_of(scenario):
+    """Return the part of the record that names the file."""
     resolved = scenario.resolved()
-    block = resolved["aircraft"]["rcs"]
-    return (block if "sha256" in block else resolved["geometry"])["sha256"]
+    return next(b for b in (resolved["aircraft"]["rcs"], resolved["geometry"]) if "file" in b)
+
+
+def test_a_file_is_looked_for_beside_the_scenario_and_recorded_as_seen_from_here(
+    kind, tmp_path, monkeypatch
+):
+    load, _ = kind
+    for folder in ("below", "elsewhere"):
+        (tmp_path / folder).mkdir()
+    monkeypatch.chdir("below")
+    _, file = scenario_with(load)
+    for at, named, seen in (
+        ("", "below", "below/"),
+        ("", tmp_path / "below", "below/"),
+        ("elsewhere", "../below", "../below/"),
+    ):
+        monkeypatch.chdir(tmp_path / at)
+        s = rs.load_scenario(Path(named) / "scenario.yaml")
+        assert block_of(s)["file"] == f"{seen}{file}"  # no folder of this machine's
+        again = rs.parse_scenario(yaml_text(s.resolved()))
+        assert again.resolved() == s.resolved()
+        assert_same_scenario(again, s)
 
 
 def test_the_digest_belongs_to_the_bytes_that_were_used(kind, monkeypatch):
@@ -160,7 +180,7 @@ def test_the_digest_belongs_to_the_bytes_that_were_used(kind, monkeypatch):
         file.write_text(content)
         scenario = rs.load_scenario(config)
         numbers[hashlib.sha256(content.encode()).hexdigest()] = scenario
-        assert digest_of(scenario) in numbers
+        assert block_of(scenario)["sha256"] in numbers
     lines = TextFile.lines
     for moment in range(1, 6):
         file.write_text(text)
@@ -175,11 +195,7 @@ def test_the_digest_belongs_to_the_bytes_that_were_used(kind, monkeypatch):
         monkeypatch.setattr(TextFile, "lines", replaced)
         scenario = rs.load_scenario(config)
         assert file.read_text() == other
-        expected = numbers[digest_of(scenario)]
-        np.testing.assert_array_equal(scenario.aircraft, expected.aircraft)
-        towards = np.array([-1.0, 0.0, 0.0])
-        found, wanted = (single(s).rcs.cross_section(towards) for s in (scenario, expected))
-        assert found == wanted
+        assert_same_scenario(scenario, numbers[block_of(scenario)["sha256"]])
 
 
 def test_another_file_than_the_recorded_one_is_the_first_error(kind):
@@ -189,7 +205,7 @@ def test_another_file_than_the_recorded_one_is_the_first_error(kind):
     for content in (text + "# more\n", "nonsense\n", text + "1,2,3,4,5,6\n"):
         file.write_text(content)
         with refused("sha256: ....csv is another file than it was"):
-            rs.parse_scenario(yaml.safe_dump(record))
+            rs.parse_scenario(yaml_text(record))
 
 
 #: A text in place of a number, and what the error says to write.

@@ -239,7 +239,13 @@ def test_a_file_has_at_most_a_million_points(load, monkeypatch):
     assert table_file.MAX_ROWS == track_file.MAX_ROWS == 1_000_000
     for module in (table_file, track_file):
         monkeypatch.setattr(module, "MAX_ROWS", 3)
+    few = POINTS[:3]
+    same(
+        load("a.gpx", gpx(few, TIMES[:3]), **SEA),
+        load("a.csv", csv(higher(47.5)[:3], values=[""] * 3)),
+    )
     for name, text, says in (
+        ("a.csv", "\n" + csv(), "a.csv:6: has more than 3 rows"),
         ("a.gpx", gpx(), "a.gpx:7: has more than 3 points"),
         ("a.csv", opensky(), "a.csv:14: has more than 3 rows"),
     ):

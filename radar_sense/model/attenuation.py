@@ -1,0 +1,33 @@
+"""The attenuation of the signal on the way to the target and back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from radar_sense.model.geometry import Vector, range_squared
+from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS
+from radar_sense.states import FloatArray
+
+
+@dataclass(frozen=True)
+class Attenuation:
+    """A constant attenuation, which multiplies the signal by 10^(−2αR/10).
+
+    Attributes:
+        one_way: One-way attenuation α [dB/m].
+    """
+
+    one_way: float
+
+    def nepers(self, line: Vector, error: FloatArray) -> FloatArray:
+        """Return ln of the factor (...) of the signal along d, with an error of ln α."""
+        growth = np.exp(np.minimum(error, MOST_NEPERS))
+        return np.asarray(-2.0 * NEPERS * (self.one_way * growth) * np.sqrt(range_squared(line)))
+
+    def linearize(self, line: Vector, error: FloatArray) -> tuple[FloatArray, Vector, FloatArray]:
+        """Return `nepers`, their gradient by d [1/m] and by the error of ln α."""
+        nepers = self.nepers(line, error)
+        along = nepers / range_squared(line)
+        return nepers, Vector(*(along * d for d in line)), nepers
