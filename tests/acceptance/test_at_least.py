@@ -112,8 +112,10 @@ def test_the_accuracy_that_it_requires_is_the_least():
     result = analyses.budget(s, at_least=p_min)
     numbers = result.summary["threshold"]
     assert (numbers["p_min"], numbers["k"]) == (p_min, 3.0)
-    factor = numbers["required_accuracy"]["radar_constant"]["factor"]
+    found = numbers["required_accuracy"]["radar_constant"]
+    factor = found["factor"]
     assert 0 < factor < 1
+    assert found["residual"] == pytest.approx(p_min, abs=0.005)  # the bound at this factor
     for part, holds in ((0.96, True), (1.04, False)):
         std = part * factor * np.sqrt(s.cov_radar[3, 3])
         changed = s.with_keys({"uncertainty.radar.medium.constant": f"{std:.12g}"})
