@@ -28,11 +28,9 @@ from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar import Level, Radar
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.expansion import RelativeProbit, StandardNormalSpace
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file.load import default_text, load_scenario, parse_scenario
 from radar_sense.sources import error_budget
-from radar_sense.uncertain_states import uncertain_states
 
 # The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
 
@@ -118,6 +116,15 @@ def write_path(folder, text, name="scenario.yaml", /, **changes):
     return file
 
 
+def on_route(folder, content, rows):
+    """Return the scenario of a document that flies a route of times and poses."""
+    file = folder / "route.csv"
+    file.write_text(csv_text("time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg", rows))
+    content = document(content, geometry={"type": "path", "file": str(file)})
+    content["aircraft"].pop("attitude_deg", None)
+    return parse_scenario(yaml_text(content))
+
+
 @cache
 def corridor():
     """Return the scenario of the corridor, which takes a third of a second to read."""
@@ -154,9 +161,12 @@ def some_poses(patch, count=5):
         patch.setattr(name, few)
 
 
-def required(s, limit, *names, k=None, method="automatic"):
-    """Return the accuracy of some of the sources, which takes less than that of all."""
-    search = accuracy._Search(s, limit if k is None else Requirement(limit, k), method)
+def required(s, goal, *names, k=None, method="automatic"):
+    """Return the accuracy of some of the sources, which takes less than that of all.
+
+    The goal is what is required of P_D, or a limit of 3σ, or with k of the upper bound.
+    """
+    search = accuracy._Search(s, goal if k is None else Requirement(goal, k), method)
     every = tuple(error_budget(s).sources)
     return {name: search.required(every if name == "all" else (name,)) for name in names}
 
@@ -493,12 +503,6 @@ def nonlinear_by_its_own_moments(scenario, method):
     """Return where (n,) a method's own moments of a scenario are unreliable."""
     moments = propagate_scenario(scenario, method=method)
     return unreliable_in_scenario(scenario, moments, method=method)
-
-
-def standard_normal_space(*states):
-    """Return z of the poses of uncertain states, as FORM expands it."""
-    probit = RelativeProbit(uncertain_states(*states)[1])
-    return StandardNormalSpace.expanded(probit, probit.derivatives())
 
 
 def radar_entry(name, /, **changes):

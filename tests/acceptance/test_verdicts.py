@@ -10,6 +10,7 @@ from helpers import (
     OVERHEAD,
     corridor,
     cov_by_level,
+    required,
     scenario,
     sheet_scenario,
     single,
@@ -27,6 +28,7 @@ from radar_sense.acceptance import refinement
 from radar_sense.acceptance.accuracy import required_accuracies
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide, path_test
+from radar_sense.analyses.required import in_words
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import (
@@ -49,6 +51,10 @@ def past(tmp_path, text=PAST, **changes):
     known = {"medium": {"position_m": 100, "constant": 0.2}}
     changes = {"radar__constant": 4, "uncertainty__radar": known, **changes}
     return rs.load_scenario(write_path(tmp_path, text, **changes))
+
+
+def spikes(lobes, amplitude, floor):
+    return {"model": "spikeball", "lobes": lobes, "amplitude_m2": amplitude, "floor_m2": floor}
 
 
 def by_form(s):
@@ -112,23 +118,23 @@ def test_without_uncertainty_the_probability_is_zero_or_one():
     assert found["standard_error"] == pytest.approx(1 / runs, rel=0.01)  # as of one more run
 
 
-def test_draws_decide():
-    """Compare with the quantiles of a plain loop, and with limits just above and below."""
+@pytest.mark.parametrize("at_least", [False, True])
+def test_draws_decide(at_least):
+    """Compare with the quantiles of a plain loop, and with limits just within and beyond."""
     s = scenario(geometry__azimuth_deg=FEW).with_analysis(level="high")
-    p_d = drawn_p_d(s, 40_000)
-    tail = ndtr(-2)
+    p_d, side = drawn_p_d(s, 40_000), -1 if at_least else 1
     for pose in range(2):
         one = s.at_poses(np.array([pose]))
-        quantile = np.quantile(p_d[:, pose], 1 - tail)
-        for p_max in (quantile - 0.02, quantile + 0.02):
-            decision = decide(one, Requirement(p_max, 2.0))
-            share = np.mean(p_d[:, pose] > p_max)
+        quantile = np.quantile(p_d[:, pose], ndtr(2 * side))
+        for room in (-0.02, 0.02):
+            limit = quantile + side * room
+            decision = decide(one, Requirement(limit, 2.0, at_least))
+            share, runs = np.mean(side * (p_d[:, pose] - limit) > 0), decision.runs
             assert decision.bound[0] == pytest.approx(quantile, abs=0.01)
-            runs = decision.runs
             error = math.sqrt(share * (1 - share) * (1 / runs.runs + 1 / len(p_d)))
             assert runs.probability[0] == pytest.approx(share, abs=4 * error)
-            assert (decision.holds[0], decision.violated[0]) == (p_max > quantile, p_max < quantile)
-        on_it = decide(one, Requirement(quantile, 2.0))
+            assert (decision.holds[0], decision.violated[0]) == (room > 0, room < 0)
+        on_it = decide(one, Requirement(quantile, 2.0, at_least))
         assert not (on_it.holds[0] and on_it.violated[0])
 
 
@@ -287,50 +293,20 @@ def test_an_orbit_is_tested_between_its_azimuths(sweep, azimuth_from):
         assert np.abs(linear - getattr(added.band, name)).max() < 0.001
 
 
-def test_the_refined_path_is_within_its_tolerance(tmp_path):
-    s = past(tmp_path, radar__constant=4)
-    found = refinement.refined(s, by_form(s), by_form, 0.001, Requirement(0.0))
-    assert found.resolved
-    np.testing.assert_array_equal(found.scenario.aircraft[found.rows], s.aircraft)
-    time = np.arange(0.0, 3600.5, 1.5)
-    dense = by_form(refinement.along(s, time))
-    for name in ("p_d", "upper"):
-        line = np.interp(time, found.scenario.time_s, getattr(found.band, name))
-        assert abs(line - getattr(dense, name)).max() < 0.002
-    # rows that are dense already need few more poses
-    again = refinement.refined(found.scenario, found.band, by_form, 0.001, Requirement(0.0))
-    assert again.added == 0
-
-
-def band_of(p_d):
-    """A band without a width."""
-    return Band(p_d=p_d, lower=p_d, upper=p_d, error=np.zeros(len(p_d)))
-
-
 def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
+    """P_D is noise here, and every step between two poses is bent."""
     monkeypatch.setattr(refinement, "MAX_POSES", 40)
     rows = "".join(f"{10 * k},400000,{1000 * k},-9000\n" for k in range(5))
     s = past(tmp_path, "time_s,north_m,east_m,down_m\n" + rows, aircraft__rcs=CONSTANT)
     rng = np.random.default_rng(0)
 
     def noise(s):
-        return band_of(rng.random(len(s.axis)))
-
-    def flat(s):
-        return band_of(np.zeros(len(s.axis)))
+        p_d = rng.random(len(s.axis))
+        return Band(p_d=p_d, lower=p_d, upper=p_d, error=np.zeros(len(p_d)))
 
     found = refinement.refined(s, noise(s), noise, 0.001, Requirement(0.0))
     assert not found.resolved
     assert found.added < 40
-    words = "P_D is not resolved by 40 poses between the rows: test a shorter part"
-    assert refinement.unresolved() == words
-    monkeypatch.setattr(refinement, "MAX_POSES", 3)
-    assert refinement.refined(s, flat(s), flat, 0.001, Requirement(0.0)).resolved
-    # of more than these the one of the greatest P_D is computed
-    monkeypatch.setattr(refinement, "places", lambda s, lowest: np.linspace(0, 40, 49))
-    found = refinement.refined(s, noise(s), noise, 0.001, Requirement(0.0))
-    assert not found.resolved
-    assert found.scenario.time_s == pytest.approx([0, 5 / 6, 10, 20, 30, 40])
 
 
 def true_upper(theta_deg):
@@ -402,7 +378,7 @@ def test_violated_poses_and_poses_that_are_not_known_are_both_reported():
 def test_draws_decide_where_form_is_unreliable():
     """With narrow lobes form warns or has no value. Draws in the test give the right verdict."""
     s = scenario(
-        aircraft__rcs={"model": "spikeball", "lobes": 36, "amplitude_m2": 0.02, "floor_m2": 0.002},
+        aircraft__rcs=spikes(36, 0.02, 0.002),
         geometry__azimuth_deg={"start": 47, "stop": 47, "step": 3},
     )
     assert isinstance(single(s).rcs, SpikeballRCS)
@@ -454,18 +430,11 @@ def test_the_budget_of_a_threshold(tool):
     assert "may grow" in tool("budget", "--threshold", "0.9", "--at", "45", "--no-plot").out
 
 
-@pytest.mark.usefixtures("few_judge")
-def test_places_of_a_path_are_in_the_table(tmp_path):
-    s = past(tmp_path)
-    names = list(analyses.variance(s).table)
-    assert names[-3:] == ["north_m", "east_m", "down_m"]
-    np.testing.assert_array_equal(analyses.variance(s).table["north_m"], [-4e5, 4e5])
-    table = analyses.variance(corridor().at_poses(slice(0, 3))).table
-    # bounds by draws have their error after the places
-    assert [name for name in table if name != "error_3sigma"][-6:] == [
-        "north_m", "east_m", "down_m", "latitude_deg", "longitude_deg", "altitude_m"
-    ]  # fmt: skip
-    first = [table[name][0] for name in ("latitude_deg", "longitude_deg", "altitude_m")]
+def test_places_on_the_earth_are_in_the_table_of_a_path():
+    table = analyses.variance(corridor().at_poses(slice(0, 3)), method="linear").table
+    places = ["north_m", "east_m", "down_m", "latitude_deg", "longitude_deg", "altitude_m"]
+    assert list(table)[-6:] == places
+    first = [table[name][0] for name in places[3:]]
     assert first == pytest.approx([33, -154, 9000], abs=1e-6)  # of the first row of the route
     assert "north_m" not in analyses.variance(scenario(geometry__azimuth_deg=FEW)).table
 
@@ -526,7 +495,7 @@ def test_a_probability_is_tested_alone():
     certain = {"position_m": 0, "constant": 0}
     s = scenario(
         geometry__azimuth_deg={"start": 22.5, "stop": 22.5, "step": 1},
-        aircraft__rcs={"model": "spikeball", "lobes": 8, "amplitude_m2": 0.03, "floor_m2": 0.01},
+        aircraft__rcs=spikes(8, 0.03, 0.01),
         uncertainty={
             "aircraft": {"position_m": 0, "attitude_deg": [0, 0, 5]},
             "radar": {"medium": certain},
@@ -548,14 +517,13 @@ def test_a_probability_is_tested_alone():
 
 def test_better_knowledge_helps_where_p_d_itself_is_beyond_the_limit_of_a_probability():
     """At the top of a lobe errors of yaw lower P_D, and one of c_r may raise it."""
-    errors = {
-        "aircraft": {"position_m": 0, "attitude_deg": [0, 0, 20]},
-        "radar": {"medium": {"position_m": 0, "constant": 50}},
-    }
     s = scenario(
         geometry__azimuth_deg={"start": 22.5, "stop": 22.5, "step": 1},
-        aircraft__rcs={"model": "spikeball", "lobes": 8, "amplitude_m2": 0.03, "floor_m2": 0.01},
-        uncertainty=errors,
+        aircraft__rcs=spikes(8, 0.03, 0.01),
+        uncertainty={
+            "aircraft": {"position_m": 0, "attitude_deg": [0, 0, 20]},
+            "radar": {"medium": {"position_m": 0, "constant": 50}},
+        },
         analysis__method="automatic",
     )
     p_max = 0.98 * float(s.p_d()[0])
@@ -584,72 +552,60 @@ def test_better_knowledge_helps_where_p_d_itself_is_beyond_the_limit_of_a_probab
     tested = analyses.variance(s, threshold=p_max, probability=probability)
     assert "no better knowledge" not in "".join(tested.report)
     # what holds already is said to hold, and not impossible
-    met = analyses.budget(s, threshold=p_max, probability=most + 0.02)
-    for accuracy in met.summary["threshold"]["required_accuracy"].values():
-        assert accuracy["factor"] >= 1 or accuracy["unlimited"]
+    met = Requirement(p_max, norm.isf(most + 0.02), probability=most + 0.02)
+    assert all(found.factor >= 1 for found in required(s, met, "radar_constant", "all").values())
 
 
-LOBE = {
-    "geometry__range_km": 300,
-    "geometry__azimuth_from": "north",
-    "geometry__azimuth_deg": {"start": 0, "stop": 0, "step": 1},
-    "radar__constant": 2.1,
-    "radar__p_fa": 1e-6,
-    "radar__detector": "swerling1",
-    "uncertainty": {
-        "aircraft": {"position_m": 10, "attitude_deg": [0.1, 0.1, 4]},
-        "radar": {"medium": {"position_m": 100, "constant": 0.35}},
-    },
-    "analysis__method": "automatic",
-}
+def at_a_lobe(floor, yaw):
+    return scenario(
+        geometry__range_km=300,
+        geometry__azimuth_from="north",
+        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
+        radar__constant=2.1,
+        radar__p_fa=1e-6,
+        radar__detector="swerling1",
+        aircraft__rcs=spikes(24, 1.0, floor),
+        aircraft__attitude_deg=[0, 0, yaw],
+        uncertainty={
+            "aircraft": {"position_m": 10, "attitude_deg": [0.1, 0.1, 4]},
+            "radar": {"medium": {"position_m": 100, "constant": 0.35}},
+        },
+        analysis__method="automatic",
+    )
 
 
 @pytest.mark.all_draws
 @pytest.mark.parametrize(
-    ("floor", "yaw", "limit", "words"),
-    [
-        (0.02, 82.5, {"threshold": 0.53, "k": 1.0}, "no smaller; may grow without end"),
-        (1.0, 90.0, {"at_least": 0.33}, "no smaller; may grow without end"),
-    ],
+    ("floor", "yaw", "requirement"),
+    [(0.02, 82.5, Requirement(0.53, 1.0)), (1.0, 90.0, Requirement(0.33, at_least=True))],
 )
-def test_errors_that_take_p_d_away_from_a_limit_are_not_to_shrink(floor, yaw, limit, words):
+def test_errors_that_take_p_d_away_from_a_limit_are_not_to_shrink(floor, yaw, requirement):
     """At the top of a lobe errors of yaw lower P_D, at the bottom they raise P_D."""
-    s = scenario(
-        aircraft__rcs={"model": "spikeball", "lobes": 24, "amplitude_m2": 1.0, "floor_m2": floor},
-        aircraft__attitude_deg=[0, 0, yaw],
-        **LOBE,
-    )
-    normals, tail = (
-        np.random.default_rng(3).standard_normal((10, 200_000)),
-        ndtr(-limit.get("k", 3)),
-    )
+    s, tail = at_a_lobe(floor, yaw), requirement.tail
+    limit, k, at_least = requirement.limit, requirement.k, requirement.at_least
+    normals = np.random.default_rng(3).standard_normal((200_000, 10))
 
     def beyond(factor):
         """P(P_D beyond the limit) by plain draws, with a factor on σ of the attitude."""
         spread = [10, 10, 10, *np.deg2rad([0.1 * factor, 0.1 * factor, 4 * factor])]
-        aircraft = s.aircraft[0] + normals[:6].T * spread
-        radar = s.radar + normals[6:].T * [100, 100, 100, 0.35]
-        p_d = s.model.p_d(aircraft, np.maximum(radar, [-np.inf] * 3 + [0]))
-        return np.mean(p_d < limit["at_least"] if "at_least" in limit else p_d > limit["threshold"])
+        radar = s.radar + normals[:, 6:] * [100, 100, 100, 0.35]
+        radar[:, 3] = np.maximum(radar[:, 3], 0)
+        return np.mean(
+            requirement.margin(s.model.p_d(s.aircraft + normals[:, :6] * spread, radar)) < 0
+        )
 
     assert beyond(0) > 1.3 * tail
     assert max(beyond(1), beyond(3)) < tail
-    result = analyses.budget(s, **limit)
-    (row,) = (line for line in result.report if line.startswith("  aircraft_orientation  "))
-    assert row.removeprefix("  aircraft_orientation  ") == words
-    found = result.summary["threshold"]["required_accuracy"]["aircraft_orientation"]
-    assert found["exceeded_at_0"]
-    assert analyses.variance(s, **limit).passed
+    (found,) = required(s, requirement, "aircraft_orientation").values()
+    assert (found.factor, found.exceeded_at_0) == (math.inf, True)
+    assert in_words(found, s.axis) == "no smaller; may grow without end"
+    asked = {"at_least": limit} if at_least else {"threshold": limit}
+    assert analyses.variance(s, **asked, k=k).passed
 
 
 @pytest.mark.all_draws
 def test_a_smaller_error_may_be_too_small_where_p_d_itself_is_beyond():
-    s = scenario(
-        aircraft__rcs={"model": "spikeball", "lobes": 24, "amplitude_m2": 1.0, "floor_m2": 0.02},
-        aircraft__attitude_deg=[0, 0, 82.5],
-        **LOBE,
-    )
-    found = analyses.budget(s, threshold=0.49, probability=0.25)
+    found = analyses.budget(at_a_lobe(0.02, 82.5), threshold=0.49, probability=0.25)
     rows = dict(line.strip().split("  ", 1) for line in found.report[1:6])
     assert rows["radar_constant"].strip() == "at least 66.1 %, but not 0"
     others = {rows[name].strip() for name in rows if name != "radar_constant"}

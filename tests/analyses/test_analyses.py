@@ -393,20 +393,6 @@ def test_validate_without_any_result(monkeypatch):
     assert not any("nan" in line for line in result.report)
 
 
-def test_validate_names_the_pose_with_the_largest_error_per_tolerance(monkeypatch):
-    """At 90 deg yaw has little effect: σ and δ are small, and σ to first order is 0."""
-    small_batches(monkeypatch)
-    certain = {"only": {"position_m": 0, "constant": 0}}
-    s = scenario(
-        uncertainty={"aircraft": {"position_m": 0, "attitude_deg": [0, 0, 1]}, "radar": certain},
-        analysis={"level": "only"},
-        geometry__azimuth_deg={"start": 45, "stop": 90, "step": 45},
-    )
-    report = analyses.validate(s, digits=1).report
-    (worst,) = [line for line in report if "worst: " in line]
-    assert re.fullmatch(r"  worst: .+ off by \S+ \+/- \S+ at 90 deg \(tolerance \S+\)", worst)
-
-
 def judged(monkeypatch, distance, error, delta, **options):
     """Return what `validate` says where a mean is off by distances with errors."""
     n = len(distance)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import yaml
-from helpers import csv_text, stds_of, yaml_text
+from helpers import csv_text, on_route, stds_of, yaml_text
 from numpy.testing import assert_allclose
 from scipy.constants import Boltzmann, speed_of_light
 from scipy.special import erfc
@@ -192,13 +192,9 @@ def test_contradictions_are_one_line(says):
 
 def test_radars_of_a_mission_keep_their_common_errors(tmp_path):
     """The bounds of a mission by recombined draws, and by plain draws."""
-    route = tmp_path / "route.csv"
-    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
-    route.write_text(f"{header}\n0,40e3,0,0,0,0,0\n20,40e3,100,0,0,0,0\n")
     content = document(*(radar(f"r{i}", "s", scan_period_s=10) for i in range(2)))
-    content["geometry"] = {"type": "path", "file": str(route)}
-    del content["aircraft"]["attitude_deg"]
-    found = rs.analyses.mission(made(content), runs=60_000)
+    rows = (0, 40e3, 0, 0, 0, 0, 0), (20, 40e3, 100, 0, 0, 0, 0)
+    found = rs.analyses.mission(on_route(tmp_path, content, rows), runs=60_000)
     for end in ("lower", "upper"):
         drawn, bound = found.table[f"mc_{end}"], found.table[f"{end}_3sigma"]
         assert_allclose(bound, drawn, atol=0.02)

@@ -7,10 +7,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-import yaml
 from helpers import (
-    csv_text,
     document,
+    on_route,
     place,
     refusal,
     scenario,
@@ -21,7 +20,6 @@ from helpers import (
 )
 from mission.plain import PlainMissions
 from numpy.testing import assert_allclose, assert_array_equal
-from routes import POSE_HEAD
 from scipy.constants import Boltzmann
 from scipy.stats import norm
 from studies.bands import cases, truth
@@ -218,16 +216,12 @@ def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypat
     """A flight past radars with two periods in turn."""
     monkeypatch.setattr("radar_sense.mission.recombined.MAX_DRAWS", 2048)
     places = [(0, 60e3, -40e3), (60, 55e3, 0), (120, 60e3, 40e3)]
-    route = csv_text(POSE_HEAD, [(*place, -6e3, 0, 0, 90) for place in places])
-    (tmp_path / "route.csv").write_text(route)
-    content = network(rcs_db=DECIBELS, geometry={"type": "path", "file": "route.csv"})
+    content = network(rcs_db=DECIBELS)
     content["uncertainty"]["aircraft_correlation_s"] = ".inf"
-    del content["aircraft"]["attitude_deg"]
     for radar, period in zip(content["radars"], (8, 12, 8), strict=True):
         radar["scan_period_s"] = period
-    (tmp_path / "s.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-    s = rs.load_scenario(tmp_path / "s.yaml")
-    plain = PlainMissions(content, route, 60_000, 1)
+    s = on_route(tmp_path, content, [(*place, -6e3, 0, 0, 90) for place in places])
+    plain = PlainMissions(content, (tmp_path / "route.csv").read_text(), 30_000, 1)
     every = plain.events(1, 1)[0][-1]
     std, ends = every.std(), np.quantile(every, TAILS)
     found = recombined_missions(Looks.of(s), (2, 3))

@@ -5,8 +5,8 @@ The truth is by two million plain draws of an independent program, with its stan
 is P(P_D > P_max) at one row.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -29,12 +29,7 @@ def fewer_draws(monkeypatch):
     few_judging_draws(monkeypatch, 2**14)
 
 
-def verdict_of(name, threshold):
-    return rs.analyses.variance(rs.load_scenario(CASES / f"{name}.yaml"), threshold=threshold)
-
-
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """The truth at one row: upper bound and P(P_D > P_max), each with its standard error."""
 
     row: int
@@ -44,8 +39,7 @@ class Row:
     above_se: float
 
 
-@dataclass(frozen=True)
-class Anywhere:
+class Anywhere(NamedTuple):
     """P(P_D > P_max) at the rows, and on a path at every two seconds, with its standard error."""
 
     at_rows: float
@@ -53,17 +47,13 @@ class Anywhere:
     error: float
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """A threshold that is violated, and the truth at some rows and anywhere."""
 
     name: str
     threshold: float
     rows: tuple[Row, ...]
     anywhere: Anywhere | None = None
-
-    def __str__(self):
-        return self.name
 
 
 VIOLATED = (
@@ -85,9 +75,10 @@ VIOLATED = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("case", VIOLATED, ids=str)
+@pytest.mark.parametrize("case", VIOLATED, ids=lambda case: case.name)
 def test_a_violated_threshold_is_violated_with_the_true_bound(case):
-    result = verdict_of(case.name, case.threshold)
+    s = rs.load_scenario(CASES / f"{case.name}.yaml")
+    result = rs.analyses.variance(s, threshold=case.threshold)
     assert result.summary["threshold"]["verdict"] == "violated"
     assert result.passed is False
     for truth in case.rows:

@@ -23,6 +23,22 @@ SPHERE = {"model": "constant", "rcs_m2": 0.09}
 QUICK = {"step_deg": 90.0}
 
 
+def swerling1(folder=None, **changes):
+    """A scenario in which P_D = P_fa^(1/(1 + S)) of a sphere of 1 m² on all bearings.
+
+    Files that it names are in the folder.
+    """
+    usual = {
+        "aircraft": {"rcs": {"model": "constant", "rcs_m2": 1}, "attitude_deg": [0, 0, 0]},
+        "geometry__down_km": -1,
+        "geometry__range_km": 40,
+        "radar__p_fa": 1e-6,
+        "radar__detector": "swerling1",
+    }
+    text = yaml_text(document(**(usual | changes)))
+    return parse_scenario(text, f"{folder}/my.yaml" if folder else "scenario")
+
+
 def column(result, name):
     return result.table[name]
 
@@ -263,18 +279,15 @@ def test_a_band_of_ten_sigma_is_as_right_as_that_of_half_a_sigma(k):
 @pytest.mark.all_draws
 def test_the_band_at_a_limit_is_that_of_the_errors_of_position():
     """The far tail is of another source there, so a straight line of probits leads 0.6 km off."""
-    s = scenario(
-        aircraft__rcs={"model": "constant", "rcs_m2": 2.0},
-        radar__constant=6,
-        radar__p_fa=1e-6,
-        radar__detector="swerling1",
+    s = swerling1(
+        radar__constant=12,
         radar__max_range_km=120,
         radar__horizon=True,
         radar__position_m=[0, 0, -40],
         geometry__down_km=-2,
         uncertainty={
             "aircraft": {"position_m": 300, "attitude_deg": 2, "rcs_db": 1},
-            "radar": {"medium": {"position_m": 50, "constant": 1}},
+            "radar": {"medium": {"position_m": 50, "constant": 2}},
         },
     )
     found, off = on_rays(s, *range(0, 360, 30)), 3 * np.hypot(300, 50)
@@ -401,13 +414,11 @@ def test_a_band_by_draws_ends_at_the_limit_of_the_radar():
 @pytest.mark.parametrize(("metres", "value"), [(300, 0.05), (500, 0.5), (1000, 0.02)])
 def test_the_band_ends_where_an_error_of_three_sigma_crosses_the_maximum_range(metres, value):
     """P_D jumps there from more than the value to 0; the ends are within 0.1 %."""
-    s = scenario(
-        aircraft__rcs={"model": "constant", "rcs_m2": 1},
+    s = swerling1(
+        geometry__down_km=-3,
         radar__position_m=[0, 0, -20],
         radar__constant=0.03,
-        radar__detector="swerling1",
         radar__max_range_km=60,
-        radar__p_fa=1e-6,
         uncertainty__aircraft={"position_m": metres, "attitude_deg": 1},
         uncertainty__radar={"medium": {"position_m": 40, "constant": 1e-6}},
     )
@@ -424,14 +435,11 @@ def test_the_band_has_the_errors_of_a_horizon(constant):
     The strong radar sees to the horizon. The weak one sees 52.6 km, and the horizon is nearer if
     the aircraft is low.
     """
-    s = scenario(
-        aircraft__rcs={"model": "constant", "rcs_m2": 1},
+    s = swerling1(
         geometry__down_km=-0.1,
         radar__position_m=[0, 0, -20],
         radar__constant=constant,
         radar__horizon=True,
-        radar__p_fa=1e-6,
-        radar__detector="swerling1",
         uncertainty__aircraft={"position_m": [10, 10, 25], "attitude_deg": 1},
         uncertainty__radar={"medium": {"position_m": 1, "constant": 0.01 * constant}},
     )
@@ -520,19 +528,6 @@ def test_the_band_of_a_figure_has_the_bounds_of_the_table():
         assert all(np.isclose(radius, km).any() for km in bound / 1e3)
 
 
-def swerling1(min_range_km=0.0, **changes):
-    """A radar that detects with P_D = P_fa^(1/(1 + S)) a sphere of 1 m² on all bearings."""
-    return document(
-        aircraft={"rcs": {"model": "constant", "rcs_m2": 1}, "attitude_deg": [0, 0, 0]},
-        geometry__down_km=-1,
-        geometry__range_km=40,
-        radar__p_fa=1e-6,
-        radar__detector="swerling1",
-        radar__min_range_km=min_range_km,
-        **changes,
-    )
-
-
 def farthest(constant, p_d=0.5):
     """Slant range of a P_D of `swerling1`, with the Boltzmann constant."""
     snr = math.log(1e-6) / math.log(p_d) - 1.0
@@ -553,7 +548,7 @@ def test_every_p_d_has_a_closed_line_of_its_own():
 
 def test_a_range_between_two_samples_is_found():
     """P_D is 0.5 or more from 37 000 to 37 190 m, and the samples are 2 % apart."""
-    s = parse_scenario(yaml_text(swerling1(min_range_km=37, radar__constant=5e-4)))
+    s = swerling1(radar__min_range_km=37, radar__constant=5e-4)
     result = detection_range(s, method="linear", **QUICK)
     assert 37e3 < farthest(5e-4) < 37.2e3
     np.testing.assert_allclose(column(result, "range_m_0.5"), farthest(5e-4), rtol=1e-8)
@@ -568,16 +563,15 @@ def test_a_band_within_a_narrow_window_of_the_antenna(down_km, tmp_path):
     """P_D is above 0.9 over less than 2 % of the distance, where the beam meets the height."""
     (tmp_path / "beam.csv").write_text(BEAM)
     errors = {"position_m": 5, "constant": 5.6e-6, "tilt_deg": 0.01}
-    content = swerling1(
+    s = swerling1(
+        tmp_path,
+        geometry__down_km=down_km,
         radar__constant=2.8e-4,
         radar__elevation_gain="beam.csv",
         radar__tilt_deg=20,
         uncertainty={"aircraft": {"position_m": 10, "attitude_deg": 1}, "radar": {"a": errors}},
         analysis={"level": "a"},
     )
-    content["geometry"]["down_km"] = down_km
-    (tmp_path / "beam.yaml").write_text(yaml_text(content))
-    s = rs.load_scenario(tmp_path / "beam.yaml")
     found = on_rays(s, 0.0, p_d=0.9)
     n, tail, rng = 100_000, ndtr(-3.0), np.random.default_rng(3)
     states = s.states()
@@ -599,10 +593,7 @@ def test_a_window_of_the_antenna_between_two_samples_is_found(tmp_path):
     """The beam of 0.4 deg crosses the height within 2 % of the distance."""
     (tmp_path / "beam.csv").write_text("elevation_deg,gain_db\n-30,-40\n-0.2,-40\n0,0\n0.2,-40\n")
     antenna = {"radar__elevation_gain": "beam.csv", "radar__tilt_deg": 30}
-    content = swerling1(radar__constant=0.05, **antenna)
-    content["geometry"]["down_km"] = -6.05
-    (tmp_path / "beam.yaml").write_text(yaml_text(content))
-    s = rs.load_scenario(tmp_path / "beam.yaml")
+    s = swerling1(tmp_path, geometry__down_km=-6.05, radar__constant=0.05, **antenna)
     (slant,) = on_rays(s, 0.0, p_d=0.9, method="linear").slant
     below, beyond = (
         s.model.p_d([math.sqrt((off * slant) ** 2 - 6050**2), 0, -6050, 0, 0, 0], s.radar)
@@ -617,14 +608,14 @@ def test_a_window_between_two_limits_is_found():
     def with_errors(position_m):
         errors = {"a": {"position_m": 5, "constant": 0.01}}
         aircraft = {"position_m": position_m, "attitude_deg": 0}
-        content = swerling1(
-            50.6,
+        s = swerling1(
+            radar__min_range_km=50.6,
             radar__max_range_km=51.0,
             radar__constant=1,
             uncertainty={"aircraft": aircraft, "radar": errors},
             analysis={"level": "a"},
         )
-        return on_rays(parse_scenario(yaml_text(content)), 0.0, 90.0)
+        return on_rays(s, 0.0, 90.0)
 
     found = with_errors(10)
     np.testing.assert_allclose(found.slant, 51e3, rtol=1e-8)
@@ -639,15 +630,14 @@ def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
     """Radar and aircraft are at one height, with a mask of 0.1 deg: P_D is 0 on all rays."""
     (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n0,0.1\n360,0.1\n")
     levels = {"a": {"position_m": 10, "constant": 0.001}}
-    content = swerling1(
+    s = swerling1(
+        tmp_path,
         radar__position_m=[0, 0, -1000],
         radar__constant=0.01,
         radar__mask="mask.csv",
         uncertainty={"aircraft": {"position_m": 50, "attitude_deg": 0}, "radar": levels},
         analysis={"level": "a"},
     )
-    (tmp_path / "mask.yaml").write_text(yaml_text(content))
-    s = rs.load_scenario(tmp_path / "mask.yaml")
 
     def exceeds(distance):
         """P(P_D > 0.5): the height and the radar constant are enough."""

@@ -115,19 +115,6 @@ def test_a_single_pose_is_above_as_a_whole_or_not_at_all(p_max, share):
     assert (found["share_above"], found["total_deg"]) == (share, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("correlation_s", "missing"),
-    [
-        (0, "uncertainty.aircraft_correlation_s and a path with times"),
-        (60, "a path with times"),
-    ],
-)
-def test_what_a_probability_at_some_pose_needs_is_named(correlation_s, missing):
-    s = scenario(geometry__azimuth_deg__step=45, uncertainty__aircraft_correlation_s=correlation_s)
-    report = rs.analyses.variance(s, threshold=0.95, method="form").report
-    assert f"P at some pose needs {missing}" in report
-
-
 def test_a_path_with_times_needs_a_correlation(tmp_path):
     s = rs.load_scenario(write(tmp_path))
     report = rs.analyses.variance(s, threshold=0.5, method="form").report
@@ -149,26 +136,15 @@ def test_no_bound_is_not_known(tool):
 
 
 def test_a_probability_in_place_of_k():
-    """P(P_D > P_max) in 200 000 draws of each pose, and the verdict of a bound at Φ⁻¹(1 − P)."""
-    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 60, "step": 10})
-    rng = np.random.default_rng(3)
-    above = []
-    covs = np.broadcast_to(s.cov_aircraft, (len(s.aircraft), 6, 6))
-    for pose, cov in zip(s.aircraft, covs, strict=True):
-        aircraft = rng.multivariate_normal(pose, cov, 200_000)
-        radar = rng.multivariate_normal(s.radar, s.cov_radar, 200_000)
-        above.append(np.mean(s.model.p_d(aircraft, radar) > 0.6))
+    """The verdict of a bound at Φ⁻¹(1 − P); draws confirm it in `tests/acceptance`."""
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 60, "step": 20})
     result = rs.analyses.variance(s, threshold=0.6, probability=0.05, method="automatic")
-    clear = abs(np.array(above) - 0.05) > 0.005
-    assert clear.sum() > 4
-    np.testing.assert_array_equal(
-        result.table["violated"][clear], np.greater(above, 0.05)[clear].astype(float)
-    )
     assert result.report[0].endswith(": P(P_D > 0.6) <= 0.05")
     assert result.summary["threshold"]["probability"] == 0.05
     by_k = rs.analyses.variance(s, threshold=0.6, k=1.6448536269514722, method="automatic")
     assert by_k.summary["threshold"]["verdict"] == result.summary["threshold"]["verdict"]
-    np.testing.assert_allclose(by_k.table["margin"], result.table["margin"], atol=1e-12)
+    for column in ("margin", "violated"):
+        np.testing.assert_allclose(by_k.table[column], result.table[column], atol=1e-12)
 
 
 def test_k_without_a_threshold_is_the_band(tmp_path):

@@ -173,6 +173,7 @@ def test_columns(tool, monkeypatch, options):
 
 
 def test_report(tool):
+    """At the end of the mission: the table, the record and the words have the same numbers."""
     file = write(
         Path(), radar__scan_period_s=10, radar__constant=14, uncertainty__aircraft_correlation_s=60
     )
@@ -185,35 +186,31 @@ def test_report(tool):
     assert "141 looks, 100 to 1500 s, every 10 s; pose errors correlated over 60 s" in out
     assert out.startswith("detection by 1500 s: ")
     out = re.sub(r" \+/- [\d.]+(?= and | \(3 sigma)", "", out)  # of a bound
-    for p, name in (("cumulative_p_d", "detection"), ("track_p_d", "track, 3 of 5")):
-        before = "track_" if p == "track_p_d" else ""
-        ends = [found[f"{before}{end}_3sigma"][-1] for end in ("lower", "upper")]
-        stem = "mean_track" if before else "mean_cumulative"
-        mean, error = found[stem][-1], found[f"{stem}_se"][-1]
-        value, mean, lower, upper = (probability(v) for v in (found[p][-1], mean, *ends))
+    for event, name, before, p, stem in (
+        ("detection", "detection", "", "cumulative_p_d", "cumulative"),
+        ("track", "track, 3 of 5", "track_", "track_p_d", "track"),
+    ):
+        bounds = {f"{end}_3sigma": found[f"{before}{end}_3sigma"] for end in ("lower", "upper")}
+        columns = {
+            **{"p": found[p], "mean": found[f"mean_{stem}"], "mean_se": found[f"mean_{stem}_se"]},
+            **{"sigma": found[f"sigma_{stem}"], **bounds},
+        }
+        at_end = {key: column[-1] for key, column in columns.items()}
+        assert summary[event]["at_end"] == at_end
+        value, mean, lower, upper = (probability(at_end[key]) for key in ("p", "mean", *bounds))
+        error = at_end["mean_se"]
         mean += f" +/- {error:.1g}" if error >= 5e-5 else ""
         assert (
             f"{name} by 1500 s: {value} at the nominal states, {mean} on average, between {lower} "
             f"and {upper} (3 sigma, medium)\n"
         ) in out
-        event = {"cumulative_p_d": "detection", "track_p_d": "track"}[p]
         error = summary["largest_standard_error_of_bounds"][event]["value"]
-        ends = [found[f"{before}{end}_3sigma_se"] for end in ("lower", "upper")]
-        assert error == np.max(ends)
+        assert error == max(found[f"{before}{end}_se"].max() for end in bounds)
         assert f"{event} {error:.4f} at" in out[out.index("largest standard error of a bound") :]
-        columns = {
-            "p": p, "mean": f"mean_{before}cumulative", "mean_se": "mean_cumulative_se",
-            "sigma": f"sigma_{before}cumulative",
-            "lower_3sigma": f"{before}lower_3sigma", "upper_3sigma": f"{before}upper_3sigma",
-        }  # fmt: skip
-        if before:
-            columns |= {"mean": "mean_track", "mean_se": "mean_track_se", "sigma": "sigma_track"}
-        assert summary[event]["at_end"] == {key: found[c][-1] for key, c in columns.items()}
-        ends = (("lower_3sigma", "mc_lower"), ("upper_3sigma", "mc_upper"))
-        off = [abs(found[before + bound] - found[before + drawn]) for bound, drawn in ends]
+        off = [bounds[f"{end}_3sigma"] - found[f"{before}mc_{end}"] for end in ("lower", "upper")]
         largest = summary["monte_carlo"]["largest_difference"][event]
-        assert largest["bounds"]["value"] == np.max(off)
-        sigma = abs(found[columns["sigma"]] - found[f"{before}mc_std"])
+        assert largest["bounds"]["value"] == np.max(np.abs(off))
+        sigma = abs(columns["sigma"] - found[f"{before}mc_std"])
         assert largest["sigma"]["value"] == sigma.max()
     for level, times in summary["detection"]["reaches"].items():
         for key, column in (

@@ -15,7 +15,7 @@ from radar_sense.mission import recombined
 from radar_sense.mission.bounds import PARTS, Weighted, pooled, pooled_quantiles, upper_tails
 from radar_sense.mission.draws import draw_missions
 from radar_sense.mission.looks import Looks
-from radar_sense.mission.recombined import choose, combine, recombined_missions, widened_normals
+from radar_sense.mission.recombined import combine, recombined_missions
 from radar_sense.progress import listening
 
 ROUTE = """time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg
@@ -163,39 +163,6 @@ def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
             np.testing.assert_array_equal(values, event.p)
         for values in (event.std, event.lower_se, event.upper_se, event.mean_se):
             assert not values.any()
-
-
-def check_normals(normals, weight, tolerance):
-    """Weighted draws have the moments and the tails of unit normals."""
-    share = weight / weight.sum()
-    np.testing.assert_allclose(share @ normals, 0, atol=tolerance)
-    np.testing.assert_allclose((normals.T * share) @ normals, np.eye(normals.shape[1]),
-                               atol=2 * tolerance)  # fmt: skip
-    for direction in (np.eye(3)[0], -np.eye(3)[1], np.full(3, 3**-0.5)):
-        tail = normals[:, :3] @ direction > 3
-        assert share[tail].sum() == pytest.approx(ndtr(-3.0), rel=0.1)
-        assert tail.mean() > 5 * ndtr(-3.0)
-
-
-def test_weights_of_widened_normals_are_the_ratio_of_the_densities():
-    normals, weight = widened_normals(np.random.default_rng(1), 200_000, 4)
-    assert weight.max() <= 2
-    assert weight.mean() == pytest.approx(1.0, abs=0.01)
-    check_normals(normals, weight, 0.01)
-
-
-@pytest.mark.parametrize("related", [True, False])
-def test_weights_of_chosen_draws_are_the_ratio_of_the_densities(related):
-    """Also if the value that they are chosen by has nothing to do with the normals."""
-    rng = np.random.default_rng(2)
-    normals, weight = widened_normals(rng, 400_000, 4)
-    value = normals @ [1.0, 0.5, 0.0, 0.0] if related else rng.standard_normal(len(normals))
-    chosen, weight = choose(rng, value, weight, 100_000)
-    assert weight.max() <= 2
-    assert weight.mean() == pytest.approx(1.0, abs=0.02)
-    check_normals(normals[chosen], weight, 0.02)
-    if related:
-        assert np.mean(value[chosen] > 3 * math.sqrt(1.25)) > 25 * ndtr(-3.0)
 
 
 @pytest.mark.parametrize("radars", [2, 3, 30])

@@ -58,17 +58,6 @@ def test_all_dimensions_together_are_the_sobol_net():
         assert np.all(cells(points[:, 0], {0: a, 1: 10 - a}) == 1)
 
 
-def test_poses_share_the_radar_and_differ_by_a_shift():
-    points = bits(sobol())
-    assert len(np.unique(points[:, :, :4], axis=1)[0]) == 1
-    shifts = points[:, :, 4:] ^ points[:, :1, 4:]
-    assert np.all(shifts == shifts[0])
-    assert len(np.unique(shifts[0, :, :])) == 6 * (POSES - 1) + 1  # no shift twice; 0 is pose 0's
-    assert np.array_equal(np.unique(points & np.uint64(3)), [0, 1, 2, 3])  # down to the last bit
-    other = bits(sobol(2))
-    assert not np.any(shifts[0, 1:] == (other[:, :, 4:] ^ other[:, :1, 4:])[0, 1:])
-
-
 def test_the_points_are_scrambled_and_not_only_shifted():
     one, other = bits(sobol(1)), bits(sobol(2))
     plain = (qmc.Sobol(10, scramble=False, bits=32).random(RUNS) * 2.0**32).astype(np.uint64)

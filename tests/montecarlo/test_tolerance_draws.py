@@ -12,6 +12,7 @@ from helpers import (
     mixed_document,
     mixed_network,
     mixed_radars,
+    on_route,
     part_shares,
     yaml_text,
 )
@@ -61,13 +62,8 @@ def test_a_network_against_plain_draws(azimuth):
 
 def test_a_mission_draws_the_constants_as_their_parts_make_them(tmp_path, monkeypatch):
     few_draws(monkeypatch)  # of the bounds, which are not compared
-    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
-    route = tmp_path / "route.csv"
-    route.write_text(f"{header}\n0,60e3,35e3,-3000,0,0,0\n10,60e3,34e3,-3000,0,0,0\n")
-    path = {"type": "path", "file": str(route)}
-    content = mixed_document(mixed_radars(scan_period_s=100), geometry=path)
-    del content["aircraft"]["attitude_deg"]
-    s = parse_scenario(yaml_text(content))
+    rows = (0, 60e3, 35e3, -3000, 0, 0, 0), (10, 60e3, 34e3, -3000, 0, 0, 0)
+    s = on_route(tmp_path, mixed_document(mixed_radars(scan_period_s=100)), rows)
     found = mission(s, runs=20_000)
     expected = monte_carlo(s.at_poses(slice(1)), runs=20_000, seed=5)
     assert 0.1 < expected.mean[0] < 0.9

@@ -17,7 +17,6 @@ import radar_sense as rs
 from radar_sense.propagation import METHODS, propagate, propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.automatic import Automatic, judged, of_bounds
 from radar_sense.propagation.draws import Estimate, estimate
-from radar_sense.propagation.emphasis import Mixture
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.plain import PlainDraws
 
@@ -133,26 +132,6 @@ def errors_of(found):
     """Return value and standard error of each statistic of weighted draws, by name."""
     both = zip(found.values[:, 0], found.errors[:, 0], strict=True)
     return dict(zip(("mean", "std", "lower", "upper", "above"), both, strict=True))
-
-
-@pytest.mark.parametrize(("name", "beta"), [*((n, 4.5) for n in PROBLEMS), ("horizon", 1.0)])
-def test_weights_add_up_to_one(name, beta):
-    states, n = states_of(name), 40_000
-    normals = np.random.default_rng(3).standard_normal((states.normals, n))
-    u, weights, towards = Mixture.of(states, beta).draw(normals)
-    assert u.shape == (1, states.normals, n)
-    assert np.all(weights > 0)
-    assert weights.max() <= 5 * (1 + 1e-12)  # a fifth is from the natural density
-    assert abs(weights.mean() - 1) < 5 * weights.std() / np.sqrt(n)
-    assert towards.shape == (2, 1, n)
-    for side in towards:  # a unit normal
-        for limit in (-beta, 0.5, beta):
-            beyond = weights * (side > limit)
-            assert abs(beyond.mean() - ndtr(-limit)) < 5 * beyond.std() / np.sqrt(n)
-    # with their weights, all components are unit normals
-    for power, expected, spread in ((1, 0.0, 1.0), (2, 1.0, 3.0)):
-        moments = np.mean(weights * u**power, axis=-1)
-        assert np.all(abs(moments - expected) < 5 * np.sqrt(4 * spread / n))
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

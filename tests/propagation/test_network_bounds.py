@@ -5,12 +5,9 @@ import pytest
 from helpers import cov_by_level, p_d_each, paper_network, with_arrays
 from numpy.testing import assert_allclose
 from scipy.constants import Boltzmann
-from scipy.special import erfc, ndtr
+from scipy.special import erfc
 
 from radar_sense.covariance import variance_along
-from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.network import NetworkModel
-from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import EllipsoidRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
@@ -94,31 +91,6 @@ def test_independence_understates_the_variance(attitude_deg, factor):
     assert_allclose(joint / apart, factor, rtol=0.02)
     assert_allclose(mc.std**2 / miss.var(), factor, rtol=0.1)
     assert_allclose(mc.std**2, joint, rtol=0.1)
-
-
-def test_fused_p_d_of_a_constant_below_zero_falls_by_less_than_the_noise():
-    models = [DetectionModel(RCS, p_fa) for p_fa in (1e-2, 1e-4, 1e-3)]
-    net = NetworkModel(tuple(Radar(model, f"r{i}") for i, model in enumerate(models)))
-    radar = np.tile([0.0, 0, 0, 0, 0, 0, 0, 70, 0, 0, 0, 20], (7, 1))
-    radar[:, 3] = 10.0, 1.0, 0.0, -1.0, -30.0, -100.0, -1e6
-    aircraft = np.repeat(PAPER.aircraft[90:91], len(radar), axis=0)
-    seen = np.ones((len(radar), 3), dtype=bool)
-    z, by_aircraft, by_radar = net.extrapolated_probit(aircraft, radar, seen)
-    exact = net.p_d(aircraft, np.maximum(radar, 0))
-    # exact down to a constant of zero; below, z falls, and by less than the first radar's noise
-    noise = models[0].p_d(aircraft[0], np.zeros(4))
-    assert_allclose(ndtr(z[:3]), exact[:3], rtol=1e-13)
-    assert np.all(np.diff(z) <= 0)
-    assert np.all(ndtr(z[2]) - ndtr(z[3:]) < noise)
-    assert ndtr(z[2]) - ndtr(z[-1]) > 0.5 * noise
-    ahead, behind = (
-        net.extrapolated_probit(aircraft[:1], radar[2:3] + sign * 1e-4 * np.eye(12)[3], seen[:1])[
-            0
-        ][0]
-        for sign in (1, -1)
-    )
-    assert_allclose((ahead - behind) / 2e-4, by_radar[2, 3], rtol=1e-4)
-    assert np.all(np.isfinite(by_aircraft))
 
 
 def test_p_d_is_surely_above_a_limit_below_the_floor():

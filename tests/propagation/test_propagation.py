@@ -7,7 +7,7 @@ themselves.
 
 import numpy as np
 import pytest
-from helpers import paper_aircraft, standard_normal_space
+from helpers import paper_aircraft
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 from reference import reading
@@ -104,11 +104,11 @@ def test_error_on_the_paper_s_scenario(method, level):
 
 
 @pytest.mark.parametrize("level", COV_RADAR)
-@pytest.mark.parametrize("beta", [1, 2])
-def test_form_bounds_at_other_beta(level, beta):
-    found, exact = on_paper("form", level, beta=beta).at(IN_REFERENCE), REFERENCE[level]
-    assert_allclose(found.lower, exact[f"lower_{beta}"], rtol=0, atol=4.5e-5)
-    assert_allclose(found.upper, exact[f"upper_{beta}"], rtol=0, atol=4.5e-5)
+def test_form_bounds_at_other_beta(level):
+    for beta in (1, 2):
+        found, exact = on_paper("form", level, beta=beta).at(IN_REFERENCE), REFERENCE[level]
+        assert_allclose(found.lower, exact[f"lower_{beta}"], rtol=0, atol=4.5e-5)
+        assert_allclose(found.upper, exact[f"upper_{beta}"], rtol=0, atol=4.5e-5)
 
 
 def parts_of_what_is_allowed(found, lower, upper, std):
@@ -176,42 +176,6 @@ def test_quantiles_of_a_quadratic_that_are_known():
         spread = np.sqrt(np.sum(np.square(g)) + 0.5 * np.sum(np.square(lam)))
         assert_allclose(found, exact, rtol=relative, atol=tolerance * spread)
     assert_array_equal(form.quadratic_quantile(np.zeros((2, 1)), np.zeros((2, 1)), beta), 0.0)
-
-
-def test_maximum_in_a_ball():
-    """No point of a fine net of the ball, climbed from, is better; nor is u outside the ball."""
-    rng = np.random.default_rng(2)
-    g, lam = rng.normal(size=(300, 3)), rng.normal(size=(300, 3))
-    lam[50:100] -= 4  # maxima inside the ball
-    g[100:150, 2] = 0
-    lam[100:150, 2] = lam[100:150].max(axis=1) + 1  # forks
-    g[150:160] = 0
-    lam[160:170] = 0
-    lam[170:180] = [1.0, 1.0, -1.0]
-    radius = rng.uniform(0.2, 5.0, 300)
-    u = form.ball_maximum(g.T, lam.T, radius).T
-    length = np.linalg.norm(u, axis=1)
-    assert np.all(length <= radius * (1 + 1e-9))
-    value = np.sum(g * u + 0.5 * lam * u * u, axis=1)
-    points = rng.normal(size=(3000, 300, 3))
-    points *= (radius / np.linalg.norm(points, axis=2))[..., np.newaxis]
-    points[1000:] *= rng.uniform(0, 1, (2000, 300, 1)) ** (1 / 3)
-    best = np.sum(g * points + 0.5 * lam * points**2, axis=2).max(axis=0)
-    size = radius * np.linalg.norm(g, axis=1) + 0.5 * radius**2 * abs(lam).max(axis=1)
-    assert np.all(value >= best - 2e-6 * size)
-    # Conditions of the maximum: g + λu = μu with μ ≥ 0, and μ = 0 inside.
-    push = g + lam * u
-    mu = np.sum(push * u, axis=1) / length**2
-    forked = np.r_[100:160]
-    plain = np.setdiff1d(np.arange(300), forked)
-    assert np.all(abs(push - mu[:, np.newaxis] * u)[plain] <= 1e-9 * (size / radius)[plain, None])
-    assert np.all(mu[plain] * radius[plain] ** 2 >= -1e-9 * size[plain])
-    inside = plain[length[plain] < 0.999 * radius[plain]]
-    assert len(inside) > 20
-    assert_allclose(push[inside], 0, atol=1e-9 * 10)
-    assert np.any(length[plain] > 0.999999 * radius[plain])
-    assert_array_equal(form.ball_maximum(g[:3].T, lam[:3].T, np.zeros(3)), 0.0)
-    assert_array_equal(form.ball_maximum(np.zeros((3, 1)), np.zeros((3, 1)), np.ones(1)), 0.0)
 
 
 # One uncertain state: quantiles of a function of one variable, and moments by integrals.
@@ -298,45 +262,6 @@ def test_form_has_a_value_where_a_radar_constant_may_be_zero(percent):
     found = propagate(MODEL, poses, RADAR, COV_AIRCRAFT, cov_radar, method="form")
     assert np.isfinite(found.std).all()
     assert_allclose(found.lower, MODEL.p_d(poses, RADAR * [1, 1, 1, 0]), rtol=1e-12)
-
-
-@pytest.mark.parametrize("beta", [-4.5, -3.0, -0.5, 0.5, 2.0, 4.5])
-def test_extremes_of_a_monotone_function_are_exact(beta):
-    """FORM itself, without its correction; above −1/0.3, where c_r is zero, z is the model's."""
-    std = 0.3 * RADAR[3]
-    z = standard_normal_space(MODEL, AIRCRAFT[::40], RADAR, *one_state(9, std))
-    row, sign = np.arange(len(z.value)), np.full(len(z.value), np.sign(beta))
-    g, lam = np.sign(beta) * z.gradient, np.sign(beta) * z.curvature
-    radius = abs(beta) * np.ones(len(row))
-    start = form.ball_maximum(g, lam, radius)
-    extreme, converged = form.climb(z, row, sign, radius, g, lam, start)
-    assert converged.all()
-    radar = [0, 0, 0, RADAR[3] + std * max(beta, -1 / 0.3)]
-    exact = MODEL.linearize_probit(AIRCRAFT[::40], radar)[0]
-    if beta > -1 / 0.3:
-        assert_allclose(sign * extreme, exact, rtol=0, atol=1e-9)
-    else:
-        assert_allclose(exact, z.probit.floor, rtol=1e-13)
-        assert np.all(sign * extreme < z.probit.floor)
-
-
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_no_extreme_is_beyond_the_one_found(sign):
-    """Of many small steps towards 3 times the unit vector of the gradient, none gets farther."""
-    cov_aircraft = independent(10, 10, 10, 5 * DEGREE, 5 * DEGREE, 5 * DEGREE)
-    z = standard_normal_space(MODEL, AIRCRAFT[::20], RADAR, cov_aircraft, COV_RADAR["high"])
-    row = np.arange(len(z.value))
-    signs, radius = np.full(len(row), sign), np.full(len(row), 3.0)
-    g, lam = sign * z.gradient, sign * z.curvature
-    u = form.ball_maximum(g, lam, radius)
-    found, converged = form.climb(z, row, signs, radius, g, lam, u)
-    assert converged.all()
-    for _ in range(100):
-        value, by_u = z(u, row)
-        assert np.all(found >= sign * value - 1e-4)
-        by_u *= sign
-        u = u + 0.2 * (3.0 * by_u / np.linalg.norm(by_u, axis=0) - u)
-        u *= np.minimum(1.0, 3.0 / np.linalg.norm(u, axis=0))
 
 
 @pytest.mark.parametrize("which", [0, 1, 3, 5, 6])
@@ -564,10 +489,10 @@ def test_inputs_are_left_alone():
 @pytest.mark.parametrize(
     ("detector", "percent"),
     [
-        *((North(), percent) for percent in (2, 5, 10, 20)),
-        *((Marcum(), percent) for percent in (5, 20)),
-        *((Swerling1(), percent) for percent in (5, 10)),
-        *((Swerling3(), percent) for percent in (2, 5)),
+        *((North(), percent) for percent in (5, 10, 20)),
+        (Marcum(), 20),
+        (Swerling1(), 10),
+        (Swerling3(), 2),
     ],
 )
 def test_no_bound_is_wrong_without_a_warning(detector, percent):
