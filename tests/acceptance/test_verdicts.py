@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from helpers import (
+    CONFIGS,
     OVERHEAD,
     corridor,
     cov_by_level,
@@ -610,3 +611,19 @@ def test_a_smaller_error_may_be_too_small_where_p_d_itself_is_beyond():
     assert rows["radar_constant"].strip() == "at least 66.1 %, but not 0"
     others = {rows[name].strip() for name in rows if name != "radar_constant"}
     assert others == {"not known"}
+
+
+@pytest.mark.parametrize(
+    ("pose", "p_max", "verdict"), [(99, 0.2116, "holds"), (234, 0.239, "violated")]
+)
+def test_a_bound_is_on_the_side_of_its_verdict(pose, p_max, verdict):
+    """FORM is within its tolerance there, and on the other side of the limit than draws."""
+    s = rs.load_scenario(CONFIGS / "table.yaml", changes={"analysis.method": "automatic"})
+    one = s.at_poses(np.array([pose]))
+    band = propagate_scenario(one, p_max=p_max)
+    found = path_test(one, "automatic", Requirement(p_max), band)
+    assert band.error == 0
+    assert (band.upper > p_max) == (verdict == "holds")
+    assert found.test.verdict == verdict
+    assert (found.test.margin >= 0) == (verdict == "holds")
+    assert found.by_draws
