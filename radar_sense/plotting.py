@@ -94,8 +94,8 @@ _POINTS: dict[Any, float] = {
 _LEGEND_ROW, _FOOTER_ROW = 0.16, 0.12
 #: Most labels in a legend with letters of 7.5 pt. More have letters of 6 pt.
 MOST_LARGE = 12
-#: Letters of the footer in a line of a figure that is one column wide.
-_FOOTER_LETTERS = 78
+#: Letters of the footer in a line of a figure that is one column wide, if they are wide.
+_FOOTER_LETTERS = 68
 #: Colours of differing lightness (Okabe and Ito's set) with a dash pattern each.
 LINES: tuple[tuple[str, Any], ...] = (
     ("#0072B2", "-"),
