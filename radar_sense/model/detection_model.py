@@ -178,8 +178,17 @@ class DetectionModel:
     def unchecked_probit(
         self, aircraft: FloatArray, radar: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return `linearize_probit` of checked states, NaN where a state is not finite."""
-        return self._by_states(self.detector.linearize_probit, aircraft, radar)
+        """Return `linearize_probit` of states that have been checked, linear below c_r = 0.
+
+        It is NaN where a state is not finite: a diverging search reaches such states.
+        """
+        below_zero = np.minimum(radar[..., CONSTANT], 0.0)
+        if not below_zero.any():
+            return self._by_states(self.detector.linearize_probit, aircraft, radar)
+        radar = radar.copy(order="K")
+        radar[..., CONSTANT] -= below_zero
+        z, by_aircraft, by_radar = self._by_states(self.detector.linearize_probit, aircraft, radar)
+        return z + by_radar[..., CONSTANT] * below_zero, by_aircraft, by_radar
 
     def _by_states(
         self, detector: Slope, aircraft: FloatArray, radar: FloatArray

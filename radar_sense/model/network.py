@@ -29,14 +29,7 @@ from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.fusion import UNSEEN, either, fuse_probits, linearize_fusion, slopes_of_p_d
 from radar_sense.model.geometry import join
 from radar_sense.model.radar import Radar
-from radar_sense.states import (
-    CONSTANT,
-    FloatArray,
-    checked_states,
-    components_first,
-    of_each,
-    real_array,
-)
+from radar_sense.states import FloatArray, checked_states, components_first, of_each, real_array
 
 
 @dataclass(frozen=True)
@@ -189,7 +182,7 @@ class NetworkModel:
         """
         values, by_aircraft, by_radar = [], [], []
         for i, state in enumerate(of_each(radar, len(self.radars))):
-            z, by_a, by_r = _extrapolated(self.radars[i].model, aircraft, state)
+            z, by_a, by_r = self.radars[i].model.unchecked_probit(aircraft, state)
             seen = visible[..., i]
             if not seen.all():
                 z = np.where(seen, z, UNSEEN)
@@ -214,20 +207,6 @@ def _at(states: FloatArray, shape: tuple[int, ...], places: NDArray[np.intp]) ->
     n = states.shape[-1]
     components = components_first(np.broadcast_to(states, (*shape, n))).reshape(n, -1)
     return components.take(places, axis=1).T  # several times as fast as by a mask
-
-
-def _extrapolated(
-    model: DetectionModel, aircraft: FloatArray, radar: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return z of states (..., 6) and (..., 7) and its partials, linear below c_r = 0."""
-    below_zero = np.minimum(radar[..., CONSTANT], 0.0)
-    # Unchecked, because a diverging search reaches states that are not finite.
-    if not below_zero.any():
-        return model.unchecked_probit(aircraft, radar)
-    radar = radar.copy(order="K")
-    radar[..., CONSTANT] -= below_zero
-    value, by_aircraft, by_radar = model.unchecked_probit(aircraft, radar)
-    return value + by_radar[..., CONSTANT] * below_zero, by_aircraft, by_radar
 
 
 def _weighted(
