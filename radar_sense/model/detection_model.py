@@ -230,8 +230,9 @@ class DetectionModel:
             own, by_line, by_errors[error] = factor.linearize(line, radar[..., error])
             nepers = nepers + own
             by_path.append(by_line)
-        gain = np.exp(nepers)
-        ratio, ds_dconstant, ds_dsigma = gain * ratio, gain * ds_dconstant, gain * ds_dsigma
+        if by_path:
+            gain = np.exp(nepers)
+            ratio, ds_dconstant, ds_dsigma = gain * ratio, gain * ds_dconstant, gain * ds_dsigma
         value, by_snr = detector(ratio, self.p_fa)
 
         by_log = by_snr * ratio
