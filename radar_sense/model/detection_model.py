@@ -29,13 +29,13 @@ from radar_sense.states import (
     ATTENUATION_ERROR,
     BLOCK,
     CONSTANT,
+    RADAR,
     RCS_ERROR,
     TILT_ERROR,
     FloatArray,
     blocks,
     checked_states,
     common_shape,
-    with_errors,
 )
 
 #: From S and P_fa to a value of a detector, and its slope by S.
@@ -196,28 +196,28 @@ class DetectionModel:
         """Return the value of a detector, and its partials by both states."""
         chain = partial(self._chain, detector)
         value, by_aircraft, by_radar = _in_blocks(chain, aircraft, radar)
-        return value, by_aircraft, by_radar[..., : radar.shape[-1]]
+        return value, by_aircraft, by_radar
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
         body = line if self.rcs.isotropic else Attitude.from_state(aircraft).to_body(line)
-        sigma = with_error(self.rcs, join(body), radar[..., RCS_ERROR])
+        sigma = with_error(self.rcs, join(body), _error(radar, RCS_ERROR))
         squared = range_squared(line)
         ratio = snr(radar[..., CONSTANT], sigma, squared)
         for factor, error in self._factors:
-            ratio = ratio * np.exp(factor.nepers(line, radar[..., error]))
+            ratio = ratio * np.exp(factor.nepers(line, _error(radar, error)))
         return ratio
 
     def _chain(
         self, detector: Slope, aircraft: FloatArray, radar: FloatArray
     ) -> tuple[FloatArray, ...]:
-        """Return the value of a detector, and its partials by the states (..., 6) and (..., 7)."""
+        """Return the value of a detector, and its partials by both states."""
         line = radar_from_aircraft(aircraft, radar)
         attitude = None if self.rcs.isotropic else Attitude.from_state(aircraft)
         body = line if attitude is None else attitude.to_body(line)
         squared = range_squared(line)
         sigma, sigma_gradient, by_error = linearize_with_error(
-            self.rcs, join(body), radar[..., RCS_ERROR]
+            self.rcs, join(body), _error(radar, RCS_ERROR)
         )
         # S is a product, and each partial is S without a factor. It exists where the factor is 0.
         constant = radar[..., CONSTANT]
@@ -227,7 +227,7 @@ class DetectionModel:
         nepers, by_path = _ZERO, []
         by_errors = {RCS_ERROR: by_error, ATTENUATION_ERROR: _ZERO, TILT_ERROR: _ZERO}
         for factor, error in self._factors:
-            own, by_line, by_errors[error] = factor.linearize(line, radar[..., error])
+            own, by_line, by_errors[error] = factor.linearize(line, _error(radar, error))
             nepers = nepers + own
             by_path.append(by_line)
         if by_path:
@@ -249,9 +249,15 @@ class DetectionModel:
                 body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
             )
             by_position = [p + g for p, g in zip(by_position, by_aspect, strict=True)]
-        of_errors = (by_log * by for by in by_errors.values())
-        of_radar = join([*by_position, by_snr * ds_dconstant, *of_errors])
-        return value, join([*(-p for p in by_position), *by_attitude]), of_radar
+        of_radar = [*by_position, by_snr * ds_dconstant]
+        if radar.shape[-1] > len(RADAR):
+            of_radar += [by_log * by for by in by_errors.values()]
+        return value, join([*(-p for p in by_position), *by_attitude]), join(of_radar)
+
+
+def _error(radar: FloatArray, component: int) -> FloatArray:
+    """Return an error (...) of radar states (..., 7); 0 of (..., 4), which have none."""
+    return radar[..., component] if radar.shape[-1] > len(RADAR) else _ZERO
 
 
 def _in_blocks(
@@ -261,9 +267,8 @@ def _in_blocks(
 ) -> tuple[FloatArray, ...]:
     """Return the arrays (..., *tail) that a function computes from states, block after block.
 
-    The function gets radar states (..., 7). Each component of an array is contiguous in memory.
+    Each component of an array is contiguous in memory.
     """
-    radar = with_errors(radar, radars=1)
     shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
     aircraft, radar = (
         s if s.shape[:-1] == shape else np.broadcast_to(s, shape + s.shape[-1:])
