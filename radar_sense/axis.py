@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from radar_sense.errors import InputError
 from radar_sense.states import FloatArray, ReadOnly
 
+#: The key of the axis of distance.
+DISTANCE = "distance_m"
+
 
 @dataclass(frozen=True, eq=False)
 class Axis(ReadOnly):
@@ -135,7 +138,7 @@ def ground_range(values: FloatArray) -> Axis:
 def distance(values: FloatArray) -> Axis:
     """Return the axis of distance flown [m], for a path."""
     meaning = "Distance flown to the pose on a path."
-    return Axis("distance_m", "distance", "m", values, ".0f", 1.0, meaning=meaning)
+    return Axis(DISTANCE, "distance", "m", values, ".0f", 1.0, meaning=meaning)
 
 
 def pose_number(count: int) -> Axis:

@@ -24,7 +24,7 @@ from radar_sense.errors import InputError
 from radar_sense.model.geometry import orbit
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.track import covariance_in_frame, square_root_in_frame
-from radar_sense.model.trajectory import Route, interpolate
+from radar_sense.model.trajectory import Route, distance_flown, interpolate
 from radar_sense.states import ATTITUDE, FloatArray, ReadOnly, real_array
 
 if TYPE_CHECKING:
@@ -277,6 +277,8 @@ class Path(Geometry):
         if covariance.ndim == 3 and poses.covariance is not None:
             covariance = poses.covariance
         values = np.interp(coordinate, self.time_s, self.axis.values)
+        if self.flight is not None and self.axis.key == axes.DISTANCE:
+            values = distance_flown(self.flight, coordinate, self.method)
         return dataclasses.replace(
             self,
             axis=dataclasses.replace(self.axis, values=values),

@@ -169,11 +169,15 @@ class Budget:
         return [*self.sources.values()][largest[0]] if is_largest else None
 
     def interaction_is_noise(self, method: str) -> bool:
-        """Return whether the interaction at the pose may be one of draws or rounding."""
-        # σ by draws may have a standard error of STD_CHANGE / ERRORS, its variance twice as much
-        noise = 2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else 0.5 * TIE
-        if self.interaction.share_error is not None:
-            noise = self.interaction.share_error[self.pose] or noise
+        """Return whether the interaction at the pose is within two standard errors, or rounding."""
+        noise = 0.5 * TIE
+        if method == AUTOMATIC:
+            # σ by draws may have a standard error of STD_CHANGE / ERRORS, its variance twice as
+            # much, and the total and each source have errors of their own
+            shares = [c.share[self.pose] for c in (self.total, *self.sources.values())]
+            noise = 2.0 * (2.0 * STD_CHANGE / ERRORS) * float(np.linalg.norm(shares))
+        elif self.interaction.share_error is not None:
+            noise = 2.0 * self.interaction.share_error[self.pose] or noise
         return not abs(self.interaction.share[self.pose]) >= noise
 
     def vanishes(self, scenario: Scenario) -> dict[str, NDArray[np.bool_]]:

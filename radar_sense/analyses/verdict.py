@@ -168,8 +168,9 @@ def _report(tested: PathTest) -> list[str]:
     if known and test.total > 0 and np.isfinite(test.first_beyond) and tested.path.resolved:
         first = float(np.interp(test.first_beyond, np.arange(len(axis)), axis.values))
         first = round(first, DIGITS - math.ceil(math.log10(test.total)))
+        beyond = float(f"{test.beyond:.3g}")
         lines += [
-            f"the bound is {side(required)} {required.limit:g} for about {test.beyond:.3g} of "
+            f"the bound is {side(required)} {required.limit:g} for about {beyond:g} of "
             f"{test.total:.6g} {_unit(scenario)} ({_share(test):.1%}), "
             f"first at {axis.format(first)}"
         ]

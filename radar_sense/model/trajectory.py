@@ -175,6 +175,9 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
     if len(route.time_s) == 1:
         return route
     motion = _legs if method == "legs" else _smooth
+    asked = time
+    if not route.attitude_given:  # where it hovers, the course is from before: a row at least
+        time = np.union1d(asked, route.time_s)
     position, velocity, acceleration = motion(route, time)
     if route.attitude_given:
         to_ned = route.turning(time).as_matrix()
@@ -184,29 +187,38 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
         if route.origin is not None:
             place = geodesy.geodetic_from_ned(position, route.origin)
         attitude = attitude_of_motion("route", place, velocity, acceleration, route.origin)
-    aircraft = np.hstack([position, attitude])
-    return Route(time, aircraft, _covariance(route, time), route.attitude_given, route.origin)
+    aircraft = np.hstack([position, attitude])[np.searchsorted(time, asked)]
+    return Route(asked, aircraft, _covariance(route, asked), route.attitude_given, route.origin)
 
 
 def distance_flown(route: Route, time: FloatArray, method: str = "legs") -> FloatArray:
-    """Return the length of the path (n,) [m] up to times (n,) [s], by a method of `resample`.
+    """Return the length of the path (n,) [m] up to times (n,) [s], by a method of `resample`."""
+    rows = route.time_s
+    if len(rows) == 1:
+        return np.zeros(len(time))
+    up_to_row = np.append(0.0, np.cumsum(_lengths(route, rows[:-1], rows[1:], method)))
+    leg, _ = _leg(rows, time)
+    return np.asarray(up_to_row[leg] + _lengths(route, rows[leg], time, method))
 
-    The curve from pose to pose, and to each row of the route, is the limit of its chords by
-    L. F. Richardson's extrapolation from two chords and from four.
+
+def _lengths(route: Route, start: FloatArray, end: FloatArray, method: str) -> FloatArray:
+    """Return the lengths of the path (n,) [m] from times to times (n,) [s] of the same legs.
+
+    They are the limit of chords by L. F. Richardson's extrapolation. With 16 chords, half a turn
+    between two rows is off by a millionth. A leg on the earth bends less, and has four.
     """
-    points = np.union1d(route.time_s, time)
-    lengths = np.zeros(len(points))
-    for block in slices(len(points) - 1):
-        start, step = points[:-1][block], np.diff(points)[block]
-        parts = (start[:, np.newaxis] + step[:, np.newaxis] * np.linspace(0, 1, 5)).ravel()
-        motion = _legs if method == "legs" else _smooth
-        place = motion(route, parts)[0].reshape(-1, 5, 3)
-        two, four = (
-            np.sqrt(np.sum(np.diff(place[:, ::every], axis=1) ** 2, axis=-1)).sum(axis=-1)
+    motion, parts = (_legs, 4) if method == "legs" else (_smooth, 16)
+    lengths = np.empty(len(start))
+    for block in slices(len(start)):
+        steps = (end - start)[block, np.newaxis] * np.linspace(0.0, 1.0, parts + 1)
+        at = np.minimum(start[block, np.newaxis] + steps, end[block, np.newaxis])
+        place = motion(route, at.ravel())[0].reshape(*at.shape, 3)
+        half, whole = (
+            np.linalg.norm(np.diff(place[:, ::every], axis=1), axis=-1).sum(axis=-1)
             for every in (2, 1)
         )
-        lengths[1:][block] = four + (four - two) / 3.0
-    return np.interp(time, points, np.cumsum(lengths))
+        lengths[block] = whole + (whole - half) / 3.0
+    return lengths
 
 
 def _covariance(route: Route, time: FloatArray) -> FloatArray | None:

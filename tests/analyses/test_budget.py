@@ -19,7 +19,7 @@ from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.propagation.staged import MANY
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
-from radar_sense.sources import error_budget
+from radar_sense.sources import Budget, Contribution, error_budget
 from radar_sense.states import CONSTANT, RCS_ERROR
 from radar_sense.words import describe_poses, probability
 
@@ -452,3 +452,18 @@ def test_the_ranking_is_that_of_the_pose_asked_for():
     assert " at 90 deg; half its deviation leaves " in at_90.report[0]
     with pytest.raises(InputError, match="there is no pose at 50 deg, the nearest of 3 is at 45"):
         analyses.budget(s, at=50)
+
+
+@pytest.mark.parametrize(("interaction", "noise"), [(-0.076, True), (0.10, True), (-0.15, False)])
+def test_an_interaction_within_two_standard_errors_is_noise(interaction, noise):
+    """Total and source have an error of 4 % of their variance each: 0.113 of the difference."""
+    known, nothing = np.ones(1), np.zeros(1)
+    parts = {
+        name: Contribution(name, known, np.array([share]))
+        for name, share in (("radar", 1.0), ("total", 1.0), ("interaction", interaction))
+    }
+    budget = Budget(
+        nothing, {"radar": parts["radar"]}, {}, {}, parts["total"], parts["interaction"]
+    )
+    assert budget.interaction_is_noise("automatic") == noise
+    assert not budget.interaction_is_noise("form")

@@ -179,6 +179,19 @@ def test_attitude_follows_the_track_and_waypoints_are_interpolated(tmp_path):
     assert load(tmp_path).aircraft.shape == (4, 6)
 
 
+@pytest.mark.parametrize("step_s", [10, 100])
+def test_the_distance_between_poses_is_that_of_the_path(tmp_path, step_s):
+    """Speed changes between poses 100 s apart. The place of a pose between them does not."""
+    smooth = {"step_s": step_s, "method": "smooth"}
+    s = load(tmp_path, geometry__interpolate=smooth, geometry__axis="distance")
+    last = float(s.time_s[-1])
+    times = np.linspace(0.0, 0.7 * last, 28_001)
+    lengths = np.linalg.norm(np.diff(s.geometry.at(times).aircraft[:, :3], axis=0), axis=-1)
+    found = s.geometry.at(np.array([0.1, 0.35, 0.7]) * last).axis.values
+    expected = [lengths[: round(share * 28_000)].sum() for share in (1 / 7, 0.5, 1)]
+    np.testing.assert_allclose(found, expected, rtol=2e-6)
+
+
 def test_the_axis_may_be_the_distance_flown(tmp_path):
     s = load(tmp_path, geometry__axis="distance")
     climb = np.sqrt(50e3**2 + 100e3**2 + 1000**2)
