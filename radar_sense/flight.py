@@ -276,9 +276,10 @@ class Path(Geometry):
         poses, covariance = interpolate(self.route, coordinate, self.method), self.covariance
         if covariance.ndim == 3 and poses.covariance is not None:
             covariance = poses.covariance
-        values = np.interp(coordinate, self.time_s, self.axis.values)
         if self.flight is not None and self.axis.key == axes.DISTANCE:
             values = distance_flown(self.flight, coordinate, self.method)
+        else:  # the time; or the distance, along lines from pose to pose
+            values = np.interp(coordinate, self.time_s, self.axis.values)
         return dataclasses.replace(
             self,
             axis=dataclasses.replace(self.axis, values=values),
