@@ -24,6 +24,7 @@ def name_problem(
     names: Sequence[str], bands: Sequence[str] = (), types: Sequence[str] = ()
 ) -> str | None:
     """Return why these names of radars collide with rows of a budget, or None."""
+    refused = f"radars cannot be named {', '.join(names)}"
     taken = {"total", "all", "interaction", "aircraft", "aircraft_position", "aircraft_orientation"}
     taken |= {AIRCRAFT_RCS, *(f"{AIRCRAFT_RCS}_{band}" for band in bands), *map(type_name, types)}
     taken |= {f"error_{name}" for name in taken}  # share_error_... is a column too
@@ -31,13 +32,12 @@ def name_problem(
         parts = (f"{name}_{part}" for part in ("position", "constant", *PARAMETERS))
         for row in (name, *parts, f"error_{name}"):
             if row in taken:
-                return f"radars cannot be named {', '.join(names)}: {row!r} would mean two things"
+                return f"{refused}: {row!r} would mean two things"
             taken.add(row)
     for name in names:  # rows of the tolerances of c_r
         for start in (f"{name}_constant_", f"error_{name}_constant_"):
             if any(row.startswith(start) for row in taken):
-                return f"radars cannot be named {', '.join(names)}: {start!r} begins parts of c_r"
+                return f"{refused}: {start!r} begins parts of c_r"
         if any(other.startswith(f"{name}_from_") for other in names):  # columns of the range
-            whose = f"{f'{name}_from_'!r} begins sources of the range of {name}"
-            return f"radars cannot be named {', '.join(names)}: {whose}"
+            return f"{refused}: {f'{name}_from_'!r} begins sources of the range of {name}"
     return None

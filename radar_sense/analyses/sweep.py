@@ -16,7 +16,7 @@ from radar_sense.acceptance.threshold import PathTest, path_test
 from radar_sense.analyses.verdict import (
     beyond_in_words,
     condition,
-    limit_in_words,
+    draw_limit,
     requirement,
     side,
     worst_band,
@@ -204,7 +204,6 @@ def _draw(
     if np.any((bound > upper) | (bound < lower)):
         plotting.draw_line(axes, x, bound, ("black", ":"), label=f"{largest} bound")
     if required is not None:
-        lw, label = plotting.points(0.8), limit_in_words(required)
-        axes.axhline(required.limit, color="black", lw=lw, ls="--", label=label)
+        draw_limit(axes, required, "--")
     axes.set_ylabel(r"Probability of detection $P_D$")
     plotting.draw_legend(figure, axes)

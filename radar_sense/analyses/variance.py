@@ -10,7 +10,7 @@ import numpy as np
 
 from radar_sense import options, plotting, words
 from radar_sense.acceptance.threshold import PathTest
-from radar_sense.analyses.verdict import limit_in_words, require, requirement
+from radar_sense.analyses.verdict import draw_limit, require, requirement
 from radar_sense.axis import reached, widest_of_highest
 from radar_sense.command import Figure, Result, Table, command
 from radar_sense.flight import Radial
@@ -182,8 +182,7 @@ def _draw(
     label = rf"band of ${k:.4g}\,\sigma$ ({scenario.level})"
     plotting.draw_band(axes, x, band.lower, band.upper, label)
     if tested is not None:
-        required, lw = tested.test.requirement, plotting.points(0.8)
-        axes.axhline(required.limit, color="black", lw=lw, ls=":", label=limit_in_words(required))
+        draw_limit(axes, tested.test.requirement, ":")
         plotting.draw_shade(axes, tested.test.violated, x, label="violated")
     axes.set_ylabel(r"Probability of detection $P_D$")
     for snr_axes in others:

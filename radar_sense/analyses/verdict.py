@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from radar_sense import words
+from radar_sense import plotting, words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
-from radar_sense.command import Result
+from radar_sense.command import Axes, Result
 from radar_sense.errors import InputError
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
@@ -56,9 +56,10 @@ def condition(required: Requirement) -> str:
     return f"P_D {sign} {required.k:g} sigma {relation} {required.limit:g}"
 
 
-def limit_in_words(required: Requirement) -> str:
-    """Return the name of the limit in figures, with its value."""
-    return f"{'least $P_D$' if required.at_least else 'threshold'} {required.limit:g}"
+def draw_limit(axes: Axes, required: Requirement, dashes: str) -> None:
+    """Draw the limit, and name it with its value."""
+    label = f"{'least $P_D$' if required.at_least else 'threshold'} {required.limit:g}"
+    axes.axhline(required.limit, color="black", lw=plotting.points(0.8), ls=dashes, label=label)
 
 
 def beyond_in_words(required: Requirement) -> str:

@@ -23,11 +23,15 @@ class Attenuation:
 
     def nepers(self, line: Vector, error: FloatArray) -> FloatArray:
         """Return ln of the factor (...) of the signal along d, with an error of ln α."""
-        growth = np.exp(np.minimum(error, MOST_NEPERS))
-        return np.asarray(-2.0 * NEPERS * (self.one_way * growth) * np.sqrt(range_squared(line)))
+        return self._nepers(range_squared(line), error)
 
     def linearize(self, line: Vector, error: FloatArray) -> tuple[FloatArray, Vector, FloatArray]:
         """Return `nepers`, their gradient by d [1/m] and by the error of ln α."""
-        nepers = self.nepers(line, error)
-        along = nepers / range_squared(line)
+        squared = range_squared(line)
+        nepers = self._nepers(squared, error)
+        along = nepers / squared
         return nepers, Vector(*(along * d for d in line)), nepers
+
+    def _nepers(self, squared: FloatArray, error: FloatArray) -> FloatArray:
+        growth = np.exp(np.minimum(error, MOST_NEPERS))
+        return np.asarray(-2.0 * NEPERS * (self.one_way * growth) * np.sqrt(squared))

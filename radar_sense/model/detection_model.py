@@ -154,7 +154,8 @@ class DetectionModel:
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
         """Return P_D and its partials by all ten states."""
         aircraft, radar = checked_states(aircraft, radar)
-        return Linearization(*self._by_states(partial(linearize, self.detector), aircraft, radar))
+        chain = partial(self._chain, partial(linearize, self.detector))
+        return Linearization(*_in_blocks(chain, aircraft, radar))
 
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
@@ -183,20 +184,15 @@ class DetectionModel:
         It is NaN where a state is not finite: a diverging search reaches such states.
         """
         below_zero = np.minimum(radar[..., CONSTANT], 0.0)
-        if not below_zero.any():
-            return self._by_states(self.detector.linearize_probit, aircraft, radar)
-        radar = radar.copy(order="K")
-        radar[..., CONSTANT] -= below_zero
-        z, by_aircraft, by_radar = self._by_states(self.detector.linearize_probit, aircraft, radar)
-        return z + by_radar[..., CONSTANT] * below_zero, by_aircraft, by_radar
-
-    def _by_states(
-        self, detector: Slope, aircraft: FloatArray, radar: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the value of a detector, and its partials by both states."""
-        chain = partial(self._chain, detector)
-        value, by_aircraft, by_radar = _in_blocks(chain, aircraft, radar)
-        return value, by_aircraft, by_radar
+        negative = below_zero.any()
+        if negative:
+            radar = radar.copy(order="K")
+            radar[..., CONSTANT] -= below_zero
+        chain = partial(self._chain, self.detector.linearize_probit)
+        z, by_aircraft, by_radar = _in_blocks(chain, aircraft, radar)
+        if negative:
+            z = z + by_radar[..., CONSTANT] * below_zero
+        return z, by_aircraft, by_radar
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)

@@ -197,8 +197,10 @@ def distance_flown(route: Route, time: FloatArray, method: str = "legs") -> Floa
     if len(rows) == 1:
         return np.zeros(len(time))
     up_to_row = np.append(0.0, np.cumsum(_lengths(route, rows[:-1], rows[1:], method)))
-    leg, _ = _leg(rows, time)
-    return np.asarray(up_to_row[leg] + _lengths(route, rows[leg], time, method))
+    leg, fraction = _leg(rows, time)
+    distance, between = up_to_row[leg], fraction > 0
+    distance[between] += _lengths(route, rows[leg[between]], time[between], method)
+    return distance
 
 
 def _lengths(route: Route, start: FloatArray, end: FloatArray, method: str) -> FloatArray:
