@@ -13,6 +13,7 @@ from scipy.special import ndtr
 from radar_sense.acceptance.frames import attitude_off, turn_from_level, turned_wrongly
 from radar_sense.acceptance.refinement import along, coarseness, places
 from radar_sense.flight import Path
+from radar_sense.model.antenna import ElevationGain
 from radar_sense.model.geodesy import turned_attitude
 from radar_sense.model.geometry import body_vector, elevation_of, radar_from_aircraft, slant_range
 from radar_sense.model.horizon import horizon_range
@@ -272,9 +273,10 @@ def _antenna(scenario: Scenario) -> Iterator[str]:
     far = np.zeros(len(scenario.aircraft))
     visible = scenario.model.visible(scenario.aircraft, scenario.radar)
     for i, radar in enumerate(scenario.radars):
-        if radar.model.antenna is not None:
-            line = radar_from_aircraft(scenario.aircraft, scenario.radar_states[i])
-            far = np.maximum(far, radar.model.antenna.outside(line) * visible[:, i])
+        line = radar_from_aircraft(scenario.aircraft, scenario.radar_states[i])
+        for factor in radar.model.factors:
+            if isinstance(factor, ElevationGain):
+                far = np.maximum(far, factor.outside(line) * visible[:, i])
     yield from placed(
         "gain-beyond",
         far > 0,

@@ -37,9 +37,10 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.track import covariance_in_frame
-from radar_sense.source_names import PARAMETERS, name_problem
+from radar_sense.source_names import name_problem
 from radar_sense.states import (
     AIRCRAFT,
+    FACTORS,
     RADAR,
     RCS_ERROR,
     FloatArray,
@@ -278,9 +279,9 @@ class Scenario:
 
     @property
     def uncertain_parameters(self) -> tuple[str, ...]:
-        """Which of `PARAMETERS` are uncertain of any radar, at the level."""
+        """Which parameters of factors of the signal are uncertain of any radar, at the level."""
         levels = [radar.levels[self.level] for radar in self.radars]
-        return tuple(p for p in PARAMETERS if any(getattr(at, f"{p}_std") for at in levels))
+        return tuple(name for name in FACTORS if any(at.errors.get(name) for at in levels))
 
     def p_d(self) -> FloatArray:
         """Return P_D of the nominal states (n,)."""

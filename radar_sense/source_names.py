@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from radar_sense.states import ATTENUATION_ERROR, TILT_ERROR
+from radar_sense.states import FACTORS
 
 #: Name of the error of the RCS; that of a band has the name of the band behind.
 AIRCRAFT_RCS = "aircraft_rcs"
-#: Parameters that a radar may have besides c_r, by name, and where its state has their errors. In
-#: the error budget of one radar each is a source if it is uncertain.
-PARAMETERS = {"attenuation": ATTENUATION_ERROR, "tilt": TILT_ERROR}
 #: Sources that the paper does not have; their columns follow the total.
-FURTHER = (AIRCRAFT_RCS, *(f"radar_{name}" for name in PARAMETERS))
+FURTHER = (AIRCRAFT_RCS, *(f"radar_{name}" for name in FACTORS))
 
 
 def type_name(shared: str) -> str:
@@ -29,7 +26,7 @@ def name_problem(
     taken |= {AIRCRAFT_RCS, *(f"{AIRCRAFT_RCS}_{band}" for band in bands), *map(type_name, types)}
     taken |= {f"error_{name}" for name in taken}  # share_error_... is a column too
     for name in names:
-        parts = (f"{name}_{part}" for part in ("position", "constant", *PARAMETERS))
+        parts = (f"{name}_{part}" for part in ("position", "constant", *FACTORS))
         for row in (name, *parts, f"error_{name}"):
             if row in taken:
                 return f"{refused}: {row!r} would mean two things"

@@ -27,11 +27,12 @@ from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, STD_CHANGE, distribu
 from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.staged import draws_at_first
 from radar_sense.scenario import Scenario
-from radar_sense.source_names import AIRCRAFT_RCS, PARAMETERS, type_name
+from radar_sense.source_names import AIRCRAFT_RCS, type_name
 from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
     CONSTANT,
+    FACTOR_ERRORS,
     POSITION,
     RCS_ERROR,
     FloatArray,
@@ -299,11 +300,11 @@ def sources_of(scenario: Scenario, *kinds: str) -> dict[str, Source]:
             found[constant] = Source(FINER, "radar", (own[CONSTANT],), errors[name], name)
         for parameter in scenario.uncertain_parameters:
             for name, own in zip(names, of_radars, strict=True):
-                at = own[PARAMETERS[parameter]]
+                at = own[FACTOR_ERRORS[parameter]]
                 found[f"{name}_{parameter}"] = Source(FINER, "radar", (at,), part_of=name)
     else:
         for parameter in scenario.uncertain_parameters:
-            found[f"radar_{parameter}"] = Source(SOURCE, "radar", (PARAMETERS[parameter],))
+            found[f"radar_{parameter}"] = Source(SOURCE, "radar", (FACTOR_ERRORS[parameter],))
     return {n: s for n, s in (found | parts).items() if s.kind in kinds or not kinds}
 
 

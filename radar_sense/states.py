@@ -28,16 +28,17 @@ MOST, MOST_CONSTANT = 1e60, 1e200
 AIRCRAFT = ("north", "east", "down", "roll", "pitch", "yaw")
 #: x_r of the paper: position in the north-east-down frame [m] and radar constant c_r [J m²/K].
 RADAR = ("north", "east", "down", "constant")
-#: x_r, the error ε of the RCS at this radar (see `model.rcs`), the error of ln α with the
-#: attenuation α, and the error of the tilt of the antenna [rad].
-RADAR_AND_ERRORS = (
-    *RADAR,
-    *("the error of the RCS", "the error of the attenuation", "the error of the tilt"),
-)
+#: Parameters of factors of the signal, see `model.detection_model.Factor`. In the error budget each
+#: is a source if it is uncertain.
+FACTORS = ("attenuation", "tilt")
+#: x_r, the error ε of the RCS at this radar (see `model.rcs`), and the errors of factors.
+RADAR_AND_ERRORS = (*RADAR, *(f"the error of the {name}" for name in ("RCS", *FACTORS)))
 POSITION = slice(0, 3)
 ATTITUDE = slice(3, 6)
 DOWN, YAW = 2, 5
-CONSTANT, RCS_ERROR, ATTENUATION_ERROR, TILT_ERROR = 3, 4, 5, 6
+CONSTANT, RCS_ERROR = 3, 4
+#: Where the state of a radar has the error of each factor.
+FACTOR_ERRORS = {name: len(RADAR) + 1 + i for i, name in enumerate(FACTORS)}
 
 
 def of_each(radar: FloatArray, radars: int) -> list[FloatArray]:

@@ -374,7 +374,7 @@ def scenario_of(
     cov_radar,
     *,
     tolerances=None,
-    attenuation_std=None,
+    errors=None,
     time_s=None,
     origin=None,
     axis=None,
@@ -382,7 +382,7 @@ def scenario_of(
 ):
     """Make a scenario from arrays: states (4m,) and C_rr (4m, 4m) by level of all radars.
 
-    Tolerances and deviations of the attenuation are tuples over radars by level.
+    Tolerances and errors of factors are tuples over radars by level.
     """
     radars, apart = [], np.kron(np.eye(len(as_network(model).radars)), np.ones((4, 4)))
     for name, matrix in cov_radar.items():
@@ -393,7 +393,7 @@ def scenario_of(
             name: Level(
                 np.asarray(matrix)[own, own],
                 tolerances[name][i] if tolerances and name in tolerances else (),
-                attenuation_std[name][i] if attenuation_std and name in attenuation_std else 0.0,
+                errors[name][i] if errors and name in errors else {},
             )
             for name, matrix in cov_radar.items()
         }
@@ -425,13 +425,13 @@ def with_arrays(scenario, **arrays):
         "cov_aircraft": scenario.geometry.covariance,
         "cov_radar": cov_by_level(scenario),
         "tolerances": tolerances_by_level(scenario),
-        "attenuation_std": {
-            level: tuple(radar.levels[level].attenuation_std for radar in scenario.radars)
+        "errors": {
+            level: tuple(radar.levels[level].errors for radar in scenario.radars)
             for level in scenario.levels
         },
     } | arrays
     if len(as_network(given["model"]).radars) != len(scenario.radars):
-        given |= {"tolerances": None, "attenuation_std": None} | arrays
+        given |= {"tolerances": None, "errors": None} | arrays
     if given["level"] not in given["cov_radar"]:
         given["level"] = ""
     if len(np.atleast_2d(given["aircraft"])) != len(given["axis"]):
@@ -444,15 +444,16 @@ def assert_same_scenario(found, expected):
     for own, other in zip(found.radars, expected.radars, strict=True):
         for name in ("name", "max_range", "min_range", "horizon", "scan_period", "band", "sheet"):
             assert getattr(own, name) == getattr(other, name), name
-        for name in ("p_fa", "detector", "attenuation"):
+        for name in ("p_fa", "detector"):
             assert getattr(own.model, name) == getattr(other.model, name), name
+        assert repr(own.model.factors) == repr(other.model.factors)
         np.testing.assert_array_equal(own.state, other.state)
         assert list(own.levels) == list(other.levels)
         for level, wanted in other.levels.items():
             at = own.levels[level]
             np.testing.assert_array_equal(at.covariance, wanted.covariance)
             assert at.tolerances == wanted.tolerances
-            assert at.attenuation_std == wanted.attenuation_std
+            assert at.errors == wanted.errors
     assert type(found.geometry) is type(expected.geometry)
     for name in ("aircraft", "cov_aircraft", "time_s", "origin"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
@@ -483,7 +484,7 @@ def paper_network(
         cov_aircraft=cov_aircraft,
         cov_radar={n: np.kron(np.eye(m), c) for n, c in cov_by_level(paper).items()},
         tolerances=None,
-        attenuation_std=None,
+        errors=None,
     )
 
 

@@ -110,9 +110,14 @@ WRONG = {
     "got '../x'": lambda: scenario(radars=[changed(name="../x")]),
     "tolerances must be a tuple of Tolerance, got 3": lambda: level(tolerances=3),
     "tolerances must be a tuple of Tolerance, got (3,)": lambda: level(tolerances=(3,)),
-    "attenuation_std must be a number not less than 0": lambda: level(attenuation_std="a"),
-    "levels['low'].attenuation_std must be a number not less than 0 and not greater than 0, "
-    "got 0.1": lambda: changed(levels={"low": level(attenuation_std=0.1)}),
+    "errors['tilt'] must be a number not less than 0": lambda: level(errors={"tilt": "a"}),
+    "errors must be one of attenuation, tilt, got 'tlt'": lambda: level(errors={"tlt": 0.1}),
+    "errors must be a mapping, {'attenuation': 0.2}": lambda: level(errors=0.1),
+    "levels['low'].errors['attenuation'] must be a number not less than 0 and not greater than 1, "
+    "got 1.1": lambda: changed(
+        model=dataclasses.replace(RADAR.model, factors=(rs.Attenuation(1e-5),)),
+        levels={"low": level(errors={"attenuation": 1.1})},
+    ),
     "model must be a DetectionModel or": lambda: propagated("x"),
     "beta must be a number greater than 0, got 'x'": lambda: propagated(beta="x"),
     "beta must be a number greater than 0, got 0": lambda: propagated(beta=0),

@@ -1,4 +1,4 @@
-"""What a new key, command, method and warning cost, all really added to a copy of the package.
+"""What new keys, commands, methods, sources and warnings cost, all added to a copy of the package.
 
 The test reads in the copy what a user would: command line, record, schema and reference. It counts
 the files and the lines that differ.
@@ -6,28 +6,53 @@ the files and the lines that differ.
 
 import difflib
 import json
+import math
 import os
 import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import yaml
 from helpers import ROOT, document, read_record, read_table
 
+import radar_sense as rs
 from radar_sense.options import ONE_RADAR
 
+SECTIONS, BUILD = "scenario_file/sections.py", "scenario_file/build_radar.py"
+BEFORE_KEY = "    eclipsing: bool = key(\n"
+KEY = '    deaf_us: float = key("Time after a pulse without echoes.", POSITIVE, default=0.0)\n'
+LOSS = '    radome_db: float = key("Loss of the radome.", NOT_NEGATIVE, default=0.0)\n'
 OLD_MIN_RANGE = "        min_range=_min_range(stated, sheet),\n"
-KEY = {
-    "scenario_file/sections.py": (
-        '    horizon: bool = key("Whether P_D is 0 below the horizon.", yes_no(), default=False)\n',
-        '    deaf_us: float = key("Time after a pulse without echoes.", POSITIVE, default=0.0)\n',
-    ),
-    "scenario_file/build_radar.py": (
-        OLD_MIN_RANGE,
-        "        min_range=max(_min_range(stated, sheet), 150.0 * stated.deaf_us),\n",
-    ),
-}
+IMPORT = "from radar_sense.model.radar import Level, Radar\n"
+GAIN = "    if stated.elevation_gain is not None:\n        curve"
+ERRORS = "    place, errors = stated.place, {}\n"
+CHECK = "def _height(scenario: Scenario) -> Iterator[str]:\n"
+#: What is edited, as a file, text in it, and what comes in its place.
+EDITS = (
+    # a key
+    (SECTIONS, BEFORE_KEY, KEY + BEFORE_KEY),
+    (BUILD, OLD_MIN_RANGE,
+     "        min_range=max(_min_range(stated, sheet), 150.0 * stated.deaf_us),\n"),
+    # a method
+    ("limits.py", '    "linear": "linear:Linear",\n',
+     '    "linear": "linear:Linear",\n    "doubled": "doubled:Doubled",\n'),
+    # a source of uncertainty: its parameter, and a key for its value and for its deviation
+    ("states.py", '("attenuation", "tilt")', '("attenuation", "tilt", "radome")'),
+    (SECTIONS, KEY, KEY + LOSS),
+    (SECTIONS, "\n\nLevels = Mapping", LOSS + "\n\nLevels = Mapping"),
+    (BUILD, IMPORT, IMPORT + "from radar_sense.model.radome import Radome\n"),
+    (BUILD, GAIN, "    if stated.radome_db:\n        yield Radome(stated.radome_db)\n" + GAIN),
+    (BUILD, ERRORS, "    place, errors = stated.place, {'radome': stated.radome_db}\n"),
+    # a warning
+    ("plausibility.py", CHECK,
+     "def _pitch(scenario: Scenario) -> Iterator[str]:\n"
+     "    steep = scenario.aircraft[:, 4] > np.deg2rad(60.0)\n"
+     '    yield from placed("steep", steep, scenario.axis, "the aircraft climbs steeply")\n\n\n'
+     + CHECK),
+    ("plausibility.py", "(_speed, _bank, _height", "(_speed, _pitch, _bank, _height"),
+)  # fmt: skip
 CLOSEST = '''"""How close the aircraft comes to each radar."""
 
 from functools import partial
@@ -63,7 +88,6 @@ def _draw(figure, axis, ranges):
         plotting.draw_line(axes, x, distance / 1e3, style, label=name)
     plotting.finish(figure, axes, "Slant range [km]")
 '''
-METHOD = {"limits.py": ('    "linear": "linear:Linear",\n', '    "doubled": "doubled:Doubled",\n')}
 DOUBLED = '''"""First order with twice the deviation."""
 
 from radar_sense.propagation.linear import Linear
@@ -80,16 +104,41 @@ class Doubled(Linear):
 EXPLAINED = """steep: >-
   The aircraft looks up by more than 60 deg: is down positive downwards?
 """
-WARNING = {
-    "plausibility.py": (
-        "def _height(scenario: Scenario) -> Iterator[str]:\n",
-        "def _pitch(scenario: Scenario) -> Iterator[str]:\n"
-        "    steep = scenario.aircraft[:, 4] > np.deg2rad(60.0)\n"
-        '    yield from placed("steep", steep, scenario.axis, "the aircraft climbs steeply")\n'
-        "\n\n",
-    ),
+RADOME = '''"""The loss of the signal in a radome."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from radar_sense.limits import NOT_NEGATIVE
+from radar_sense.model.geometry import Vector
+from radar_sense.model.radar_equation import NEPERS
+
+
+@dataclass(frozen=True)
+class Radome:
+    """A loss [dB], there and back together. Its error is in decibels, too."""
+
+    loss: float
+    term: ClassVar = "radome"
+    parameter: ClassVar = "radome"
+    std_limit: ClassVar = NOT_NEGATIVE
+    detail: ClassVar = math.inf
+
+    def nepers(self, line, error):
+        return -NEPERS * (self.loss + error) + 0.0 * line.x
+
+    def linearize(self, line, error):
+        nepers = self.nepers(line, error)
+        return nepers, Vector(*(0.0 * x for x in line)), np.full(np.shape(nepers), -NEPERS)
+'''
+FILES = {
+    "analyses/closest.py": CLOSEST,
+    "propagation/doubled.py": DOUBLED,
+    "model/radome.py": RADOME,
 }
-CHECKS = "(_speed, _bank, _height", "(_speed, _pitch, _bank, _height"
 
 
 @pytest.fixture(scope="module")
@@ -102,13 +151,13 @@ def copy(tmp_path_factory):
     shutil.copy(ROOT / "docs/make_reference.py", folder / "docs")
     explained = (ROOT / "docs/warnings.yaml").read_text() + EXPLAINED
     (folder / "docs/warnings.yaml").write_text(explained)
-    for name, (old, new) in KEY.items():
-        edit(folder, name, old, new if old == OLD_MIN_RANGE else old + new)
-    (folder / "radar_sense/analyses/closest.py").write_text(CLOSEST)
-    (folder / "radar_sense/propagation/doubled.py").write_text(DOUBLED)
-    for name, (old, new) in (*WARNING.items(), *METHOD.items()):
-        edit(folder, name, old, new + old)
-    edit(folder, "plausibility.py", *CHECKS)
+    for name, text in FILES.items():
+        (folder / "radar_sense" / name).write_text(text)
+    for name, old, new in EDITS:
+        path = folder / "radar_sense" / name
+        text = path.read_text()
+        assert text.count(old) == 1, (name, old)
+        path.write_text(text.replace(old, new))
     return folder
 
 
@@ -120,15 +169,10 @@ def outcomes(copy):
     write(copy, "misspelt.yaml", radar__def_us=1)
     write(copy, "steep.yaml", aircraft__attitude_deg=[0, 70, 0])
     write(copy, "level.yaml")
+    radome = {"radar__radome_db": 1.5, "uncertainty__radar__medium__radome_db": 0.4}
+    write(copy, "radome.yaml", name="radome", geometry__azimuth_deg__step=30, **radome)
     write(copy, "doubled.yaml", name="doubled", geometry__azimuth_deg__step=60)
     return dict(zip(LINES, run(copy, *LINES), strict=True))
-
-
-def edit(copy, name, old, new):
-    path = copy / "radar_sense" / name
-    text = path.read_text()
-    assert text.count(old) == 1, (name, old)
-    path.write_text(text.replace(old, new))
 
 
 def cost(copy):
@@ -175,6 +219,10 @@ def write(copy, file="my.yaml", **changes):
 
 
 METHODS = "linear", "doubled"
+RADOMES = tuple(
+    (*words.split(), "radome.yaml", "--no-plot")
+    for words in ("variance --method automatic", "budget", "detectors --p-d 0.5")
+)
 LINES = (
     ("check", "my.yaml"),
     ("variance", "my.yaml", "--method", "linear", "--no-plot"),
@@ -198,19 +246,22 @@ LINES = (
             *("validate --digits 1 --no-plot", "range --step-deg 90 --no-plot", "report"),
         )
     ),
+    *RADOMES,
 )
 
 
 def test_what_additions_cost(copy):
     """A key costs a line and one where it becomes SI, a command with its figure costs a file, and a
-    warning costs a mask with its sentence. A method costs a file and its line in the list.
+    warning costs a mask with its sentence. A method costs a file and its line in the list, and so
+    does a source of uncertainty, with two keys and four lines where they become SI.
     """
     lines = cost(copy)
-    assert lines.pop("analyses/closest.py") < 30
-    assert lines.pop("propagation/doubled.py") < 15
-    assert lines.pop("limits.py") == 1
-    key = {"scenario_file/sections.py": 1, "scenario_file/build_radar.py": 1}
-    assert lines == {**key, "plausibility.py": 4}
+    assert {name: lines.pop(name) for name in FILES} == {
+        "analyses/closest.py": 26, "propagation/doubled.py": 8, "model/radome.py": 21,
+    }  # fmt: skip
+    key, source, warning = {SECTIONS: 1, BUILD: 1}, {SECTIONS: 2, BUILD: 4}, {"plausibility.py": 4}
+    both = {name: key[name] + source[name] for name in key}
+    assert lines == {"limits.py": 1, "states.py": 1, **both, **warning}
 
 
 def test_a_key(copy, outcomes):
@@ -249,9 +300,24 @@ def test_a_warning(outcomes):
 
 
 def test_a_method(outcomes):
-    (_, linear), (_, doubled), compared, *others = (outcomes[line] for line in LINES[13:])
+    (_, linear), (_, doubled), compared, *others = (
+        outcomes[line] for line in LINES[13 : -len(RADOMES)]
+    )
     assert float(doubled) == pytest.approx(2 * float(linear))
     assert "  doubled    " in compared[1]
     for code, text in others:
         assert code in (0, 3), text  # `validate` says that it is off
         assert "doubled" in text
+
+
+def test_a_source_of_uncertainty(copy, outcomes):
+    """A constant loss takes the signal down, and its deviation is one of c_r in decibels."""
+    assert [outcomes[line][0] for line in RADOMES] == [0, 0, 0], outcomes
+    table = read_table(copy / "figures/radome_budget.csv")
+    s = rs.load_scenario(ROOT / "configs/paper.yaml", {"geometry.azimuth_deg.step": 30})
+    s = s.with_keys({"radar.constant": s.radar[3] * 10**-0.15})
+    lin = s.model.linearize(s.aircraft, s.radar)
+    by_db = abs(lin.jac_radar[:, 3]) * s.radar[3] * math.log(10) / 10
+    np.testing.assert_allclose(table["three_sigma_radar_radome"], 3 * 0.4 * by_db, rtol=1e-9)
+    terms = read_table(copy / "figures/radome_detectors.csv")
+    assert set(terms["term_radome"]) == {-1.5}

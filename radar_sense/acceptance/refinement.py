@@ -14,6 +14,7 @@ the nominal states: errors may reach a lobe, a gap or a limit that the nominal s
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -165,18 +166,20 @@ def coarseness(path: Scenario, *, lobes: bool = True) -> FloatArray:
     """
     changes = np.zeros(len(path.aircraft) - 1)
     for single, radar in zip(path.radars, path.radar_states, strict=True):
-        model, by_direction = single.model, (single.model.antenna, single.mask)
-        details = [of.detail for of in (model.rcs, *by_direction) if of is not None and lobes]
-        largest = min([LARGEST_TURN, *(HALF * detail for detail in details)])
+        rcs, by_direction = single.model.rcs, [f.detail for f in single.model.factors]
+        if single.mask is not None:
+            by_direction.append(single.mask.detail)
+        finest = min([rcs.detail, *by_direction]) if lobes else math.inf
+        largest = min(LARGEST_TURN, HALF * finest)
         line = path.aircraft[:, POSITION] - radar[POSITION]
         distance = np.linalg.norm(line, axis=1)
         moved = np.linalg.norm(np.diff(line, axis=0), axis=1)
         moved /= np.maximum(np.minimum(distance[1:], distance[:-1]), MIN_RANGE)
-        turns = by_direction != (None, None)
+        turns = min(by_direction, default=math.inf) < math.inf
         changes = np.maximum(
             changes, moved / (min(LARGEST_MOVE, largest) if turns else LARGEST_MOVE)
         )
-        if model.rcs.isotropic:
+        if rcs.isotropic:
             continue
         x, y, z = body_vector(path.aircraft, radar).T
         across = np.hypot(x, y)

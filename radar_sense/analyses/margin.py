@@ -58,14 +58,12 @@ SPAN = 20.0
 PRECISION_DB = 0.25
 #: Least S of a margin, because a radar constant may be drawn as 0.
 LEAST = 1e-20
-#: The term that each source besides c_r makes uncertain.
+#: The term that each source besides c_r and factors makes uncertain.
 TERMS = {
     "aircraft_position": "range",
     "radar_position": "range",
     "aircraft_orientation": "aircraft_rcs",
     "aircraft_rcs": "aircraft_rcs",
-    "radar_attenuation": "attenuation",
-    "radar_tilt": "elevation_gain",
 }
 
 
@@ -142,7 +140,11 @@ def margin(scenario: Scenario, p_d: float, pulses: int | None, k: float) -> Resu
     ]
     title = f"$P_D$ {p_d:.12g}, least margin at {axis.at(pose)}; lines: ${k:g}\\,\\sigma$"
     bounds = float(lower[pose]), float(upper[pose])
-    result.draw = partial(_draw, terms=at_pose, changes=changes, margin=bounds, k=k, title=title)
+    losses = [name for name in terms if name.endswith("_db")]
+    losses += [factor.term for factor in radar.model.factors]
+    result.draw = partial(
+        _draw, terms=at_pose, losses=losses, changes=changes, margin=bounds, k=k, title=title
+    )
     return result
 
 
@@ -288,21 +290,19 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
         "aircraft": (by_aircraft, states.cov_aircraft),
         "radar": (by_radar, states.cov_radar),
     }
-    variances = dict.fromkeys(TERMS.values(), 0.0 * ones)
+    uncertain = TERMS | {f"radar_{f.parameter}": f.term for f in radar.model.factors}
+    variances = dict.fromkeys(uncertain.values(), 0.0 * ones)
     for name, source in sources_of(scenario, SOURCE).items():
-        if term := TERMS.get(name):
+        if term := uncertain.get(name):
             gradient, covariance = owners[source.owner]
             own = np.isin(np.arange(gradient.shape[1]), source.components)
             of_source = variance_along(np.where(own, gradient, 0.0), covariance)
             variances[term] = variances[term] + of_source
     distance = slant_range(scenario.aircraft, scenario.radar)
     values = {"range": -40.0 * np.log10(distance)}
-    if radar.model.attenuation:
-        values["attenuation"] = -2.0 * radar.model.attenuation * distance
-    if radar.model.antenna is not None:
-        line = radar_from_aircraft(scenario.aircraft, scenario.radar)
-        nepers = radar.model.antenna.nepers(line, np.zeros(()))
-        values["elevation_gain"] = words.decibels(np.exp(nepers))
+    line = radar_from_aircraft(scenario.aircraft, scenario.radar)
+    for factor in radar.model.factors:
+        values[factor.term] = factor.nepers(line, np.zeros(())) / NEPERS
     values["aircraft_rcs"] = snr_db - sum(parts.values()) - sum(values.values())
     terms |= {name: (value, SPAN * np.sqrt(variances[name])) for name, value in values.items()}
     total = sum(variance_along(*owner) for owner in owners.values())
@@ -312,6 +312,7 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
 def _draw(
     figure: Figure,
     terms: Mapping[str, tuple[float, float]],
+    losses: Sequence[str],
     changes: Mapping[str, float],
     margin: tuple[float, float],
     k: float,
@@ -323,18 +324,17 @@ def _draw(
         ends = np.cumsum([0.0, *changes.values()]).tolist()
         return list(zip(changes, ends, ends[1:], strict=False))
 
-    of_path = "attenuation", "elevation_gain"
-    losses = {n: t for n, t in terms.items() if any(t) and (n.endswith("_db") or n in of_path)}
     (snr, of_snr), needed = terms["snr"], sum(changes.values())
-    stds = {name: std for name, (_, std) in losses.items()} | {"SNR": of_snr}
-    rest = (std for name, (_, std) in terms.items() if name not in {*losses, "snr"})
+    lost = {name: terms[name] for name in losses if any(terms[name])}
+    stds = {name: std for name, (_, std) in lost.items()} | {"SNR": of_snr}
+    rest = (std for name, (_, std) in terms.items() if name not in {*lost, "snr"})
     stds["SNR without losses"] = math.hypot(*rest)
-    values = {name: loss for name, (loss, _) in losses.items()}
+    values = {name: loss for name, (loss, _) in lost.items()}
     supply = chain({"SNR without losses": snr - sum(values.values()), **values})
-    bars = [*(supply if losses else ()), ("SNR", 0.0, snr), *chain(changes)]
+    bars = [*(supply if lost else ()), ("SNR", 0.0, snr), *chain(changes)]
     bars += [("SNR needed", 0.0, needed), ("margin", needed, snr)]
     blue, red, green = (colour for colour, _ in plotting.LINES[:3])
-    colours = dict.fromkeys(losses, red) | dict.fromkeys(changes, blue)
+    colours = dict.fromkeys(lost, red) | dict.fromkeys(changes, blue)
     colours["margin"] = green if snr >= needed else red
     (axes,) = plotting.panels(figure, 1)
     plotting.set_height(figure, 0.75 + 0.19 * len(bars))

@@ -247,7 +247,7 @@ def _samples(all_rays: Rays) -> FloatArray:
     """
     first, (radar,) = all_rays.part(slice(0, 1)), all_rays.limited.radars
     distance = np.geomspace(NEAREST, FARTHEST, SAMPLES)
-    lobes = [of.detail for of in (radar.model.rcs, radar.model.antenna) if of is not None]
+    lobes = [radar.model.rcs.detail, *(f.detail for f in radar.model.factors)]
     while len(distance) < MOST_SAMPLES:
         line = (
             first.states(distance[np.newaxis])[0, :, POSITION] - all_rays.scenario.radar[POSITION]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar_sense.errors import InputError
-from radar_sense.limits import DEG, Limit, check_number
+from radar_sense.limits import DEG, NOT_NEGATIVE, Limit, check_number
 from radar_sense.model.geometry import Vector, radar_from_aircraft
 from radar_sense.model.radar_equation import NEPERS
 from radar_sense.states import DOWN, FloatArray, ReadOnly, read_only
@@ -77,6 +77,9 @@ class ElevationGain(_Directions):
     gain_db: FloatArray
     tilt: float = 0.0
     NODES: ClassVar = {"elevation": (ELEVATION, DEG), "gain_db": (GAIN_DB, 1.0)}
+    term: ClassVar = "elevation_gain"
+    parameter: ClassVar = "tilt"
+    std_limit: ClassVar = NOT_NEGATIVE
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -11,27 +11,25 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from radar_sense.covariance import checked, variance_along
-from radar_sense.errors import counted
-from radar_sense.limits import NOT_NEGATIVE, Limit, check_parameters, declared
-from radar_sense.model.antenna import ElevationGain
-from radar_sense.model.attenuation import Attenuation
+from radar_sense.errors import InputError, check_choice, check_has, counted
+from radar_sense.limits import Limit, check_parameters, declared
 from radar_sense.model.detectors import Detector, North, check_detector, linearize
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft, range_squared
 from radar_sense.model.radar_equation import snr
 from radar_sense.model.rcs import RCS, check_rcs, linearize_with_error, with_error
 from radar_sense.states import (
-    ATTENUATION_ERROR,
     BLOCK,
     CONSTANT,
+    FACTOR_ERRORS,
+    FACTORS,
     RADAR,
     RCS_ERROR,
-    TILT_ERROR,
     FloatArray,
     blocks,
     checked_states,
@@ -47,7 +45,22 @@ np.empty(3 << 20)
 
 
 class Factor(Protocol):
-    """A factor of the signal by the way to the radar, with one uncertain parameter."""
+    """A factor of the signal by the way to the radar, with one parameter that may be uncertain.
+
+    Attributes:
+        term: Name of the factor in a table of decibels.
+        parameter: Name of the parameter, one of `states.FACTORS`.
+        std_limit: Standard deviations that the error of the parameter may have.
+        detail: Least change [rad] of the direction, or of the error, that changes the factor much;
+            infinity for a factor without lobes.
+    """
+
+    term: ClassVar[str]
+    parameter: ClassVar[str]
+    std_limit: ClassVar[Limit]
+
+    @property
+    def detail(self) -> float: ...  # noqa: D102
 
     def nepers(self, line: Vector, error: FloatArray) -> FloatArray:
         """Return ln of the factor (...) along d, with an error (...) of the parameter."""
@@ -101,40 +114,39 @@ class DetectionModel:
 
     Aircraft states are (..., 6): north, east, down [m], roll, pitch, yaw [rad]. Radar states are
     (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. Three errors may follow: ε of
-    the RCS, see `rcs`, multiplies σ_r by 10^(s ε/10), the error of ln α multiplies the attenuation
-    α by its exponential, and the error of the tilt [rad] adds to the tilt of the antenna. The two
-    states broadcast against each other. All results are NaN where aircraft and radar coincide.
-    InputError is raised if a shape does not fit, a state is not finite or c_r is negative.
+    the RCS, see `rcs`, multiplies σ_r by 10^(s ε/10), and those of an attenuation and of the tilt
+    of an antenna are as its factor says. The two states broadcast against each other. All results
+    are NaN where aircraft and radar coincide. InputError is raised if a shape does not fit, a state
+    is not finite or c_r is negative.
 
     Attributes:
         rcs: Radar cross section by aspect.
         p_fa: Probability of false alarm, between 0 and 1.
         detector: Detector, from signal-to-noise ratio to P_D. The default is North's approximation.
-        attenuation: One-way attenuation α [dB/m] on the way to the target and back. S is multiplied
-            by 10^(−2αR/10).
-        antenna: Gain of the antenna over elevation; None for the gain of c_r at all elevations.
+        factors: Factors of S by the way to the target and back, such as `Attenuation` and
+            `ElevationGain`.
     """
 
     rcs: RCS
     p_fa: float = declared(Limit(above=0, below=1))
     detector: Detector = field(default_factory=North)
-    attenuation: float = declared(NOT_NEGATIVE, default=0.0)
-    antenna: ElevationGain | None = declared(ElevationGain, default=None)
+    factors: tuple[Factor, ...] = ()
 
     def __post_init__(self) -> None:
         check_parameters(self)
         check_rcs(self.rcs)
         check_detector(self.detector, self.p_fa)
-
-    @property
-    def _factors(self) -> list[tuple[Factor, int]]:
-        """The factors of the signal by the way, and where the radar state has the error of each."""
-        found: list[tuple[Factor, int]] = []
-        if self.attenuation:
-            found.append((Attenuation(self.attenuation), ATTENUATION_ERROR))
-        if self.antenna is not None:
-            found.append((self.antenna, TILT_ERROR))
-        return found
+        given: Any = self.factors
+        if not isinstance(given, tuple | list):
+            raise InputError(f"factors must be a tuple, got {given!r}")
+        needed = ("term", "parameter", "std_limit", "detail", "nepers", "linearize")
+        for factor in given:
+            check_has("each of factors", factor, needed, "a factor of S", "Attenuation(2e-5)")
+            check_choice("the parameter of a factor", factor.parameter, FACTORS)
+        parameters = [factor.parameter for factor in given]
+        if len({*parameters}) < len(parameters):
+            raise InputError(f"factors must have a parameter each, got {', '.join(parameters)}")
+        object.__setattr__(self, "factors", tuple(given))
 
     @property
     def has_spread(self) -> bool:
@@ -200,8 +212,9 @@ class DetectionModel:
         sigma = with_error(self.rcs, join(body), _error(radar, RCS_ERROR))
         squared = range_squared(line)
         ratio = snr(radar[..., CONSTANT], sigma, squared)
-        for factor, error in self._factors:
-            ratio = ratio * np.exp(factor.nepers(line, _error(radar, error)))
+        for factor in self.factors:
+            error = _error(radar, FACTOR_ERRORS[factor.parameter])
+            ratio = ratio * np.exp(factor.nepers(line, error))
         return ratio
 
     def _chain(
@@ -221,9 +234,11 @@ class DetectionModel:
         ds_dconstant = snr(_ONE, sigma, squared)
         ds_dsigma = snr(constant, _ONE, squared)
         nepers, by_path = _ZERO, []
-        by_errors = {RCS_ERROR: by_error, ATTENUATION_ERROR: _ZERO, TILT_ERROR: _ZERO}
-        for factor, error in self._factors:
-            own, by_line, by_errors[error] = factor.linearize(line, _error(radar, error))
+        by_errors = dict.fromkeys((RCS_ERROR, *FACTOR_ERRORS.values()), _ZERO)
+        by_errors[RCS_ERROR] = by_error
+        for factor in self.factors:
+            place = FACTOR_ERRORS[factor.parameter]
+            own, by_line, by_errors[place] = factor.linearize(line, _error(radar, place))
             nepers = nepers + own
             by_path.append(by_line)
         if by_path:

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense import covariance
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, check_choice
 from radar_sense.limits import (
     BAND,
     NOT_NEGATIVE,
     POSITIVE,
-    Limit,
     check_number,
     check_parameters,
     declared,
@@ -29,10 +28,10 @@ from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon, horizon_range
 from radar_sense.model.radar_constant import DataSheet, Tolerance
 from radar_sense.states import (
-    ATTENUATION_ERROR,
     CONSTANT,
+    FACTOR_ERRORS,
+    FACTORS,
     RADAR,
-    TILT_ERROR,
     FloatArray,
     ReadOnly,
     check_finite,
@@ -51,15 +50,13 @@ class Level(ReadOnly):
     Attributes:
         covariance: C_rr (4, 4). Of a c_r with tolerances it has the variance to first order.
         tolerances: Tolerances that make c_r uncertain; () for a Gaussian c_r.
-        attenuation_std: Standard deviation of the attenuation [dB/m]. The attenuation is
-            log-normal, with the value of the model as its median.
-        tilt_std: Standard deviation of the tilt of the antenna [rad].
+        errors: Standard deviations of the errors of factors of the model, by parameter:
+            {"attenuation": of ln α, "tilt": of the tilt of the antenna [rad]}.
     """
 
     covariance: FloatArray
     tolerances: tuple[Tolerance, ...] = ()
-    attenuation_std: float = declared(NOT_NEGATIVE, default=0.0)
-    tilt_std: float = declared(NOT_NEGATIVE, default=0.0)
+    errors: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         matrix, n = read_only("radar covariance", self.covariance), len(RADAR)
@@ -70,7 +67,12 @@ class Level(ReadOnly):
         if not isinstance(given, tuple | list) or not all(isinstance(t, Tolerance) for t in given):
             raise InputError(f"tolerances must be a tuple of Tolerance, got {given!r}")
         object.__setattr__(self, "tolerances", tuple(self.tolerances))
-        check_parameters(self)
+        if not isinstance(self.errors, Mapping):
+            raise InputError("errors must be a mapping, {'attenuation': 0.2}")
+        for parameter, std in self.errors.items():
+            check_choice("errors", parameter, FACTORS)
+            check_number(f"errors[{parameter!r}]", std, NOT_NEGATIVE)
+        object.__setattr__(self, "errors", dict(self.errors))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,7 +82,7 @@ class Radar(ReadOnly):
     A radar without state and levels is physics alone, for a `NetworkModel`.
 
     Attributes:
-        model: RCS, P_fa, detector and attenuation.
+        model: RCS, P_fa, detector, and factors of the signal.
         name: Name in tables and reports. A single radar needs none.
         state: x_r (4,): north, east, down [m] and c_r [J m²/K]; None for physics alone.
         levels: Its uncertainty by level.
@@ -129,18 +131,18 @@ class Radar(ReadOnly):
         if not isinstance(self.levels, Mapping):
             raise InputError("levels must be a mapping, {'medium': Level(...)}")
         given: Mapping[Any, Any] = self.levels
+        limits = {factor.parameter: factor.std_limit for factor in self.model.factors}
         for name, level in given.items():
             if not isinstance(name, str) or not name:
                 raise InputError(f"levels must have names, got {name!r}")
             if not isinstance(level, Level):
                 raise InputError(f"levels[{name!r}] must be a Level, got {level!r}")
-            check_number(
-                f"levels[{name!r}].attenuation_std",
-                level.attenuation_std,
-                Limit(at_least=0, at_most=self.model.attenuation),
-            )
-            if level.tilt_std and self.model.antenna is None:
-                raise InputError(f"levels[{name!r}].tilt_std needs an antenna of the model")
+            for parameter, std in level.errors.items():
+                what = f"levels[{name!r}].errors[{parameter!r}]"
+                if parameter in limits:
+                    check_number(what, std, limits[parameter])
+                elif std:
+                    raise InputError(f"{what} needs a factor of the model with this parameter")
         object.__setattr__(self, "levels", MappingProxyType(dict(self.levels)))
 
     def __repr__(self) -> str:
@@ -214,13 +216,11 @@ class Radar(ReadOnly):
         return np.where(must, ALWAYS, np.where(may, PERHAPS, NEVER))
 
     def covariance(self, level: str) -> FloatArray:
-        """Return C_rr (7, 7) at a level, with the errors of attenuation and tilt, see `states`."""
-        chosen = self.levels[level]
-        matrix = with_errors(chosen.covariance, radars=1, axes=2)
-        if chosen.attenuation_std:
-            relative = chosen.attenuation_std / self.model.attenuation
-            matrix[ATTENUATION_ERROR, ATTENUATION_ERROR] = relative**2
-        matrix[TILT_ERROR, TILT_ERROR] = chosen.tilt_std**2
+        """Return C_rr (7, 7) at a level, with the errors of factors, see `states`."""
+        matrix = with_errors(self.levels[level].covariance, radars=1, axes=2)
+        for parameter, std in self.levels[level].errors.items():
+            place = FACTOR_ERRORS[parameter]
+            matrix[place, place] = std**2
         return matrix
 
     def without_limits(self) -> Radar:

@@ -34,8 +34,9 @@ from radar_sense.states import (
     AIRCRAFT,
     CONSTANT,
     DOWN,
+    FACTOR_ERRORS,
     POSITION,
-    TILT_ERROR,
+    RCS_ERROR,
     FloatArray,
     component,
     of_radar,
@@ -294,9 +295,13 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
     radar, position = states.model.radars[number], of_radar(number, POSITION)
     line = radar_from_aircraft(states.aircraft, states.radar[:, position])
     distance = np.sqrt(line.x**2 + line.y**2 + line.z**2)
+    with_lobes, without_lobes = (
+        [FACTOR_ERRORS[f.parameter] for f in radar.model.factors if (f.detail < math.inf) == lobes]
+        for lobes in (True, False)
+    )
     if radar.model.rcs.isotropic:
         of_line = np.stack(line, axis=-1)[np.newaxis]  # the range is enough
-        if radar.model.antenna is not None or radar.mask is not None:
+        if with_lobes or radar.mask is not None:
             of_line = np.eye(3)[:, np.newaxis]
         gradients = [_gradient(states, (POSITION, -by), (position, by)) for by in of_line]
     else:
@@ -307,11 +312,10 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
             by_line, by_angles = (np.stack(by, axis=-1) for by in attitude.pull_back(body, along))
             of_aircraft = slice(None), np.hstack([-by_line, by_angles])
             gradients.append(_gradient(states, of_aircraft, (position, by_line)))
-    of_gain = of_radar(number, slice(CONSTANT, TILT_ERROR))
+    of_gain = [position.start + at for at in (CONSTANT, RCS_ERROR, *without_lobes)]
     _, by_all = _of_radar(states, states.aircraft, states.radar, number)
     gradients.append(_gradient(states, radar=(of_gain, np.nan_to_num(by_all[:, of_gain]))))
-    if radar.model.antenna is not None:
-        gradients.append(_gradient(states, radar=(position.start + TILT_ERROR, 1.0)))
+    gradients += [_gradient(states, radar=(position.start + at, 1.0)) for at in with_lobes]
     if radar.horizon is not None:
         gradients.append(_gradient(states, (DOWN, 1.0)))
         gradients.append(_gradient(states, radar=(position.start + DOWN, 1.0)))
@@ -327,7 +331,7 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
 def _gradient(
     states: UncertainStates,
     aircraft: tuple[int | slice, FloatArray | float] = (0, 0.0),
-    radar: tuple[int | slice, FloatArray | float] = (0, 0.0),
+    radar: tuple[int | slice | list[int], FloatArray | float] = (0, 0.0),
 ) -> tuple[FloatArray, FloatArray]:
     """Return a gradient by the aircraft (k, 6) and by the radars (k, 7m).
 

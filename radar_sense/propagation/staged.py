@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from radar_sense.covariance import largest_variance
 from radar_sense.progress import report
 from radar_sense.propagation.draws import DRAWS, Estimate, estimate
-from radar_sense.states import ATTITUDE, POSITION, TILT_ERROR, of_radar
+from radar_sense.states import ATTITUDE, FACTOR_ERRORS, POSITION, of_radar
 from radar_sense.uncertain_states import UncertainStates
 
 #: Numbers of draws at a pose, from the first stage to the last, each GROWTH times the one before.
@@ -98,8 +98,8 @@ def draws_at_first(states: UncertainStates) -> NDArray[np.intp]:
         with np.errstate(divide="ignore", invalid="ignore"):
             turned = across / np.sum(line * line, axis=1)
         with_lobes |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(attitude + turned))
-        if radar.model.antenna is not None:
-            of_tilt = of_radar(i, slice(TILT_ERROR, TILT_ERROR + 1))
-            tilt = largest_variance(states.cov_radar, of_tilt)
-            with_lobes |= ~(radar.model.antenna.detail >= 6.0 * np.sqrt(tilt + turned))
+        for factor in radar.model.factors:
+            error = of_radar(i).start + FACTOR_ERRORS[factor.parameter]
+            own = states.cov_radar[:, error, error]
+            with_lobes |= ~(factor.detail >= 6.0 * np.sqrt(own + turned))
     return np.where(with_lobes, np.intp(PRECISE), np.intp(FIRST))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,8 @@ from radar_sense.errors import InputError, did_you_mean
 from radar_sense.flight import Geometry
 from radar_sense.limits import DEG, LARGEST, NOT_NEGATIVE, SMALLEST
 from radar_sense.model.antenna import ElevationGain, Mask
-from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.attenuation import Attenuation
+from radar_sense.model.detection_model import DetectionModel, Factor
 from radar_sense.model.detectors import Detector, PulseDetector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
 from radar_sense.model.radar import Level, Radar
@@ -89,12 +90,12 @@ def _radar(
     """Return a radar. The file has what radars of a type share, and the poses have the frame."""
     sheet = _data_sheet(stated)
     _refuse_detector(stated)
-    attenuation = stated.attenuation_db_per_km * PER_KM
     band = _band(stated, rcs)
     shared = _shared(file, stated, [*levels])
     position, turn = _position(stated, geometry)
-    antenna, mask = _by_direction(stated, np.eye(3) if turn is None else turn)
-    model = DetectionModel(rcs[band], float(stated.p_fa), stated.detector, attenuation, antenna)
+    axes = np.eye(3) if turn is None else turn
+    factors = tuple(_factors(stated, axes))
+    model = DetectionModel(rcs[band], float(stated.p_fa), stated.detector, factors)
     constant = stated.constant if sheet is None else sheet.constant
     period = stated.scan_period_s
     if period is None and sheet is not None:
@@ -104,7 +105,7 @@ def _radar(
         name=getattr(stated, "name", ""),
         state=np.array([*position, constant], dtype=float),
         levels={
-            name: _level(level, sheet, model, turn, stated.type or "", shared.get(name))
+            name: _level(level, stated, sheet, turn, shared.get(name))
             for name, level in levels.items()
         },
         max_range=math.inf if stated.max_range_km is None else stated.max_range_km * KM,
@@ -113,26 +114,28 @@ def _radar(
         scan_period=None if period is None else float(period),
         sheet=sheet,
         band=band,
-        mask=mask,
+        mask=_mask(stated, axes),
     )
 
 
-def _by_direction(
-    stated: sections.Radar, axes: FloatArray
-) -> tuple[ElevationGain | None, Mask | None]:
-    """Return the antenna and the mask of a radar.
+def _factors(stated: sections.Radar, axes: FloatArray) -> Iterator[Factor]:
+    """Yield the factors of the signal.
 
     The axes (3, 3) are north, east and down at the radar, in the frame of the poses.
     """
-    antenna = mask = None
+    if stated.attenuation_db_per_km:
+        yield Attenuation(stated.attenuation_db_per_km * PER_KM)
     if stated.elevation_gain is not None:
         curve = read_named(stated.elevation_gain, "a file of gains", read_gain)
-        antenna = ElevationGain(*curve, stated.tilt_deg * DEG, axes=axes)
+        yield ElevationGain(*curve, stated.tilt_deg * DEG, axes=axes)
     elif stated.tilt_deg:
         raise stated.place["tilt_deg"].error("needs elevation_gain, the gain that is tilted")
-    if stated.mask is not None:
-        mask = Mask(*read_named(stated.mask, "a file of a mask", read_mask), axes=axes)
-    return antenna, mask
+
+
+def _mask(stated: sections.Radar, axes: FloatArray) -> Mask | None:
+    if stated.mask is None:
+        return None
+    return Mask(*read_named(stated.mask, "a file of a mask", read_mask), axes=axes)
 
 
 def _band(stated: sections.Radar, rcs: Mapping[str, RCS]) -> str:
@@ -205,10 +208,9 @@ def _min_range(stated: sections.Radar, sheet: DataSheet | None) -> float:
 
 def _level(
     stated: sections.RadarUncertainty,
+    radar: sections.Radar,
     sheet: DataSheet | None,
-    model: DetectionModel,
     turn: FloatArray | None,
-    type_name: str,
     shared: Any,
 ) -> Level:
     """Return the uncertainty of a radar at one level, in the frame of the poses.
@@ -223,14 +225,14 @@ def _level(
         if not tolerances and (stated.covariance is not None or stated.constant):
             raise (place if stated.constant is None else place["constant"]).error(
                 "must have standard deviations by parameter, or constant: 0, as the radar has a "
-                f"type: the errors of type {type_name!r} are of parameters too"
+                f"type: the errors of type {radar.type!r} are of parameters too"
             )
         both = _tolerances(shared, sheet)
         if twice := {t.key for t in tolerances} & {t.key for t in both}:
             raise shared.place.error(
                 f"{min(twice)} stands at a radar of this type too; give only one of the two"
             )
-        tolerances += tuple(dataclasses.replace(t, shared=type_name) for t in both)
+        tolerances += tuple(dataclasses.replace(t, shared=radar.type or "") for t in both)
     std = {}
     if tolerances:
         assert sheet is not None
@@ -241,15 +243,26 @@ def _level(
         frame[POSITION, POSITION] = turn
         matrix = frame @ matrix @ frame.T
         matrix = covariance.without_rounding(0.5 * (matrix + matrix.T))
-    std_attenuation = stated.attenuation_db_per_km * PER_KM
-    if std_attenuation > model.attenuation:
-        raise place["attenuation_db_per_km"].error(
-            "must be at most the attenuation_db_per_km of the radar, "
-            f"{model.attenuation / PER_KM:g}, got {stated.attenuation_db_per_km:g}"
-        )
-    if stated.tilt_deg and model.antenna is None:
-        raise place["tilt_deg"].error("needs elevation_gain of the radar, the gain that is tilted")
-    return Level(matrix, tolerances, std_attenuation, stated.tilt_deg * DEG)
+    return Level(matrix, tolerances, _errors(stated, radar))
+
+
+def _errors(stated: sections.RadarUncertainty, radar: sections.Radar) -> dict[str, float]:
+    """Return the standard deviations of the errors of factors of the signal, by parameter."""
+    place, errors = stated.place, {}
+    if std := stated.attenuation_db_per_km:
+        if std > radar.attenuation_db_per_km:
+            raise place["attenuation_db_per_km"].error(
+                "must be at most the attenuation_db_per_km of the radar, "
+                f"{radar.attenuation_db_per_km:g}, got {std:g}"
+            )
+        errors["attenuation"] = std / radar.attenuation_db_per_km
+    if stated.tilt_deg:
+        if radar.elevation_gain is None:
+            raise place["tilt_deg"].error(
+                "needs elevation_gain of the radar, the gain that is tilted"
+            )
+        errors["tilt"] = stated.tilt_deg * DEG
+    return errors
 
 
 def _shared(file: sections.File, radar: sections.Radar, levels: Sequence[str]) -> Mapping[str, Any]:

@@ -90,8 +90,8 @@ def random_model(rng):
     axes, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     gain = rs.ElevationGain(elevation, -rng.uniform(0, 30, 9), 0.02, axes=axes)
     rcs = rs.EllipsoidRCS(0.2, 0.3, 0.25) if rng.random() < 0.5 else rs.ConstantRCS(0.1)
-    attenuation = rng.choice([0.0, 1e-5])
-    return rs.DetectionModel(rcs, P_FA, attenuation=attenuation, antenna=gain)
+    attenuation = rs.Attenuation(rng.choice([0.0, 1e-5]))
+    return rs.DetectionModel(rcs, P_FA, factors=(attenuation, gain))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -213,7 +213,7 @@ def test_a_radar_on_earth_has_its_own_vertical(tmp_path):
     (radar,) = s.radars
     clearance = radar.mask.clearance(s.aircraft[0], radar.state)
     assert clearance == pytest.approx(elevation - math.radians(0.2), abs=1e-9)
-    full = dataclasses.replace(radar.model, antenna=None)
+    full = dataclasses.replace(radar.model, factors=())
     ratio = radar.model.snr(s.aircraft[0], radar.state) / full.snr(s.aircraft[0], radar.state)
     assert_allclose(ratio, 10 ** (2 * cubic(math.degrees(elevation), GAIN) / 10), rtol=1e-9)
 
@@ -304,7 +304,7 @@ def test_an_uncertain_tilt_needs_a_gain(tmp_path):
 
 
 def test_objects_that_are_not_allowed():
-    plain, flat = rs.ConstantRCS(1.0), np.zeros(2)
+    plain, flat, rain = rs.ConstantRCS(1.0), np.zeros(2), rs.Attenuation(1e-5)
     for gain in ([0.0], [0.0, 3.0], [[0.0, 0.0]]):
         with pytest.raises(InputError, match="gain_db"):
             rs.ElevationGain(np.array([0.0, 0.1]), np.array(gain))
@@ -315,7 +315,12 @@ def test_objects_that_are_not_allowed():
         (lambda: rs.Mask(np.array([-3.0, 3.4]), np.zeros(2)), "azimuth must be within one turn"),
         (lambda: rs.Mask(np.array([0, 2 * np.pi]), np.arange(2) / 9), "elevation must be the same"),
         (lambda: rs.Mask(np.arange(2.0), flat, axes=np.ones((3, 3))), "axes must be a rotation"),
-        (lambda: rs.DetectionModel(plain, P_FA, antenna="a"), "antenna must be ElevationGain or N"),
+        (lambda: rs.DetectionModel(plain, P_FA, factors="a"), "factors must be a tuple, got 'a'"),
+        (lambda: rs.DetectionModel(plain, P_FA, factors=(1,)), "each of factors must be a factor"),
+        (
+            lambda: rs.DetectionModel(plain, P_FA, factors=(rain, rain)),
+            "must have a parameter",
+        ),
         (lambda: dataclasses.replace(scenario().radars[0], mask=1), "mask must be Mask or None"),
     ):
         with pytest.raises(InputError, match=message):
@@ -332,8 +337,8 @@ def random_network(rng):
         mask = rs.Mask(azimuth, np.deg2rad(rng.uniform(-1, 4, 12))) if rng.random() < 0.6 else None
         state = np.array([*rng.uniform(-2e4, 2e4, 2), -50.0, 10 ** rng.uniform(-2.5, 0.0)])
         std = np.array([*[rng.uniform(1, 300)] * 3, state[3] * rng.uniform(0, 0.15)])
-        level = rs.Level(np.diag(std**2), tilt_std=np.deg2rad(rng.uniform(0, 1)))
-        model = rs.DetectionModel(rs.ConstantRCS(AREA), P_FA, antenna=antenna)
+        level = rs.Level(np.diag(std**2), errors={"tilt": np.deg2rad(rng.uniform(0, 1))})
+        model = rs.DetectionModel(rs.ConstantRCS(AREA), P_FA, factors=(antenna,))
         radars.append(rs.Radar(model, name=name, state=state, levels={"one": level}, mask=mask))
     azimuth, distance = rng.uniform(0, 2 * np.pi), rng.uniform(2e4, 9e4)
     aircraft = np.zeros((1, 6))
@@ -351,10 +356,11 @@ def own_draws(scenario, rng, runs):
     )
     missed = np.ones(runs)
     for radar in scenario.radars:
-        level, gain = radar.levels["one"], radar.model.antenna
+        level, (gain,) = radar.levels["one"], radar.model.factors
         state = radar.state + rng.standard_normal((runs, 4)) * np.sqrt(np.diag(level.covariance))
         north, east, down = (aircraft - state[:, :3]).T
-        across, tilt = np.hypot(north, east), gain.tilt + level.tilt_std * rng.standard_normal(runs)
+        across = np.hypot(north, east)
+        tilt = gain.tilt + level.errors["tilt"] * rng.standard_normal(runs)
         elevation = np.arctan2(-down, across)
         decibels = curve(elevation - tilt, gain.elevation, gain.gain_db)
         snr = np.maximum(state[:, 3], 0) * AREA / (Boltzmann * (across**2 + down**2) ** 2)

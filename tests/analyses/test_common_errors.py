@@ -174,7 +174,7 @@ def test_the_budget_has_a_source_of_its_own_after_the_fixed_columns(source):
     assert any(source in line for line in found.report)
     own = error_budget(one).sources[source].std
     if source == "radar_attenuation":  # 0.001 dB/km on 500 km is 1 dB there and back
-        plain = with_arrays(one, attenuation_std={}, rcs_db=1.0)
+        plain = with_arrays(one, errors={}, rcs_db=1.0)
         assert_allclose(own, error_budget(plain).sources["aircraft_rcs"].std, rtol=2e-5)
         return
     certain = {"medium": np.zeros((4, 4))}
@@ -248,7 +248,7 @@ def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypat
 )
 def test_signal_and_partials_are_those_of_the_formula(rcs):
     rng, plain = np.random.default_rng(18), rs.DetectionModel(rcs, 1e-6, rs.Swerling1())
-    model = dataclasses.replace(plain, attenuation=2e-5)  # 0.02 dB/km
+    model = dataclasses.replace(plain, factors=(rs.Attenuation(2e-5),))  # 0.02 dB/km
     count = 60
     whole = np.concatenate(
         [rng.uniform(-2e5, 2e5, (count, 3)), rng.uniform(-1, 1, (count, 3)),
@@ -285,9 +285,10 @@ def test_a_map_has_the_attenuation():
 
 def test_the_attenuation_is_read_and_read_back():
     s = parsed(rcs_db=1.5, attenuation="uncertain")
-    assert_allclose([m.attenuation for m in s.model.models], [5e-5, 1e-4, 0], rtol=1e-15)
-    std = [radar.levels["one"].attenuation_std for radar in s.radars]
-    assert_allclose(std, [1e-5, 1.5e-5, 0], rtol=1e-15)
+    alpha = [[factor.one_way for factor in m.factors] for m in s.model.models]
+    assert alpha == [[pytest.approx(5e-5)], [pytest.approx(1e-4)], []]
+    std = [radar.levels["one"].errors for radar in s.radars]
+    assert std == [{"attenuation": pytest.approx(0.2)}, {"attenuation": pytest.approx(0.15)}, {}]
     each = s.states().radar.reshape(3, 7)
     assert_array_equal(each[:, :4], s.radar_states)
     assert not each[:, 4:].any()
@@ -305,8 +306,8 @@ def test_the_attenuation_is_read_and_read_back():
     assert not certain.states().cov_radar[0].reshape(3, 7, 21)[:, 4:].any()
     whole = {"covariance": np.eye(4).tolist(), "attenuation_db_per_km": 0.005}
     one = scenario(radar__attenuation_db_per_km=0.01, uncertainty__radar__low=whole)
-    std = {name: level.attenuation_std for name, level in one.radars[0].levels.items()}
-    assert std == {"low": 5e-6, "medium": 0, "high": 0}
+    std = {name: level.errors for name, level in one.radars[0].levels.items()}
+    assert std == {"low": {"attenuation": 0.5}, "medium": {}, "high": {}}
     assert not one.uncertain_parameters
     assert one.with_analysis(level="low").states().cov_radar[0, -2, -2] == pytest.approx(0.25)
 
@@ -321,10 +322,10 @@ def test_refusals_name_the_key(tool):
         assert key == level
         most = f"must be at most the attenuation_db_per_km of the radar, {attenuation}, got"
         assert most in complaint
-    with pytest.raises(ValueError, match="attenuation must be"):
-        rs.DetectionModel(ConstantRCS(1.0), 1e-6, attenuation=-1)
-    with pytest.raises(ValueError, match="attenuation_std"):
-        with_arrays(parsed(("one",)), attenuation_std={"one": (1.0,)})
+    with pytest.raises(ValueError, match="one_way must be a number not less than 0"):
+        rs.Attenuation(-1)
+    with pytest.raises(ValueError, match="needs a factor of the model with this parameter"):
+        with_arrays(parsed(("one",)), errors={"one": ({"tilt": 0.1},)})
     with pytest.raises(ValueError, match="got inf for the error of the attenuation"):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6).p_d(
             np.ones(6), np.array([0, 0, 0, 1, 0, np.inf, 0])
@@ -341,6 +342,6 @@ def test_the_detection_range_has_the_attenuation():
         snr = 0.04 * AREA * 10 ** (-2 * 0.05 * middle / 1e4) / (Boltzmann * middle**4)
         low, high = (middle, high) if snr > needed else (low, middle)
     assert_allclose(table["range_m_0.5"], low, rtol=1e-9)
-    certain = with_arrays(s, rcs_db=0.0, attenuation_std={})
+    certain = with_arrays(s, rcs_db=0.0, errors={})
     narrow = analyses.detection_range(certain, p_d=(0.5,), step_deg=90).table
     assert np.all(narrow["sigma_range_m_0.5"] < 0.8 * table["sigma_range_m_0.5"])

@@ -154,9 +154,7 @@ def _check_reads_back(outcome: Outcome) -> None:
         levels = (tuple(r.levels[name] for r in s.radars) for s in (scenario, again))
         for first, second in zip(*levels, strict=True):
             pairs[f"cov_radar {name}"] = first.covariance, second.covariance
-            same = (first.tolerances, first.attenuation_std) == (
-                second.tolerances, second.attenuation_std
-            )  # fmt: skip
+            same = (first.tolerances, first.errors) == (second.tolerances, second.errors)
             _require(same, f"level {name} differs when read back", outcome)
     for name, (first, second) in pairs.items():
         if not np.array_equal(first, second):

@@ -135,8 +135,8 @@ def test_a_first_look_is_precise_where_errors_are_wider_than_a_lobe(lobes, gain_
     """Within 3 sigma the yaw is known to 9 deg, and the tilt to 3 deg."""
     s = scenario(uncertainty__aircraft={"position_m": 1, "attitude_deg": 1.5}).at_poses(slice(2))
     gain = ElevationGain(np.radians([0.0, gain_deg]), [0.0, -10.0])
-    model = dataclasses.replace(s.radars[0].model, rcs=SpikeballRCS(lobes, 1, 1), antenna=gain)
-    levels = {s.level: Level(np.zeros((4, 4)), tilt_std=np.radians(0.5))}
+    model = dataclasses.replace(s.radars[0].model, rcs=SpikeballRCS(lobes, 1, 1), factors=(gain,))
+    levels = {s.level: Level(np.zeros((4, 4)), errors={"tilt": np.radians(0.5)})}
     radar = dataclasses.replace(s.radars[0], model=model, levels=levels)
     staged = StagedDraws(dataclasses.replace(s, radars=(radar,)).states(), 3.0)
     assert staged.until(lambda rows, found: rows >= 0, LAST).draws.tolist() == [draws] * 2

@@ -61,7 +61,7 @@ def scenario(problem, aircraft=None, time_s=None):
                 rcs=rcs,
                 p_fa=r.p_fa,
                 detector=DETECTORS.get(r.detector, r.detector),
-                attenuation=r.attenuation,
+                factors=(rs.Attenuation(r.attenuation),) if r.attenuation else (),
             ),
             name=f"r{i}",
             state=r.state,
@@ -69,7 +69,7 @@ def scenario(problem, aircraft=None, time_s=None):
                 LEVEL: Level(
                     problem.cov_radar[4 * i : 4 * i + 4, 4 * i : 4 * i + 4],
                     tuple(Tolerance(*t) for t in r.tolerances),
-                    r.attenuation_std,
+                    {"attenuation": r.attenuation_std / r.attenuation} if r.attenuation else {},
                 )
             },
             max_range=r.max_range,
