@@ -21,7 +21,7 @@ from radar_sense.errors import InputError, check_choice, check_has, counted
 from radar_sense.limits import Limit, check_parameters, declared
 from radar_sense.model.detectors import Detector, North, check_detector, linearize
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft, range_squared
-from radar_sense.model.radar_equation import snr
+from radar_sense.model.radar_equation import boltzmann_r4
 from radar_sense.model.rcs import RCS, check_rcs, linearize_with_error, with_error
 from radar_sense.states import (
     BLOCK,
@@ -38,7 +38,7 @@ from radar_sense.states import (
 
 #: From S and P_fa to a value of a detector, and its slope by S.
 Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
-_ONE, _ZERO = np.ones(()), np.zeros(())
+_ZERO = np.zeros(())
 # glibc returns free memory beyond twice the largest array freed so far (mallopt(3)). Blocks would
 # fetch it again page by page, and a gradient would take twice the time. Never touched.
 np.empty(3 << 20)
@@ -210,8 +210,7 @@ class DetectionModel:
         line = radar_from_aircraft(aircraft, radar)
         body = line if self.rcs.isotropic else Attitude.from_state(aircraft).to_body(line)
         sigma = with_error(self.rcs, join(body), _error(radar, RCS_ERROR))
-        squared = range_squared(line)
-        ratio = snr(radar[..., CONSTANT], sigma, squared)
+        ratio = radar[..., CONSTANT] * sigma / boltzmann_r4(range_squared(line))
         for factor in self.factors:
             error = _error(radar, FACTOR_ERRORS[factor.parameter])
             ratio = ratio * np.exp(factor.nepers(line, error))
@@ -229,10 +228,8 @@ class DetectionModel:
             self.rcs, join(body), _error(radar, RCS_ERROR)
         )
         # S is a product, and each partial is S without a factor. It exists where the factor is 0.
-        constant = radar[..., CONSTANT]
-        ratio = snr(constant, sigma, squared)
-        ds_dconstant = snr(_ONE, sigma, squared)
-        ds_dsigma = snr(constant, _ONE, squared)
+        constant, noise = radar[..., CONSTANT], boltzmann_r4(squared)
+        ratio, ds_dconstant, ds_dsigma = constant * sigma / noise, sigma / noise, constant / noise
         nepers, by_path = _ZERO, []
         by_errors = dict.fromkeys((RCS_ERROR, *FACTOR_ERRORS.values()), _ZERO)
         by_errors[RCS_ERROR] = by_error

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field
 from typing import Any
 
+import numpy as np
 from scipy.constants import Boltzmann, speed_of_light
 
 from radar_sense.errors import InputError
@@ -205,7 +206,6 @@ def _check_losses(losses_db: Mapping[str, float]) -> None:
         check_number(f"{LOSSES_KEY}.{name}", loss, LOSSES)
 
 
-def snr(constant: FloatArray, cross_section: FloatArray, range_squared: FloatArray) -> FloatArray:
-    """Return the signal-to-noise ratio S = c_r σ_r / (k R⁴) (...), eq. (3) of the paper."""
-    noise: FloatArray = Boltzmann * range_squared * range_squared
-    return constant * cross_section / noise
+def boltzmann_r4(range_squared: FloatArray) -> FloatArray:
+    """Return k R⁴ (...) [J m⁴/K], by which S = c_r σ_r / (k R⁴), eq. (3) of the paper."""
+    return np.asarray(Boltzmann * range_squared * range_squared)
