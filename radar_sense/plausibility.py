@@ -26,8 +26,8 @@ from radar_sense.words import describe_poses, listed, placed, warning
 #: Least speed [m/s] of a flight, if it moves at all, and greatest speed without a warning. A number
 #: below the first may be a Mach number.
 MIN_SPEED, MAX_SPEED = 3.0, 2e3
-#: Greatest bank [rad] without a warning: a level turn at twice the weight.
-MAX_BANK = np.deg2rad(60.0)
+#: Greatest bank and pitch [rad] without a warning: a level turn at twice the weight.
+STEEP = np.deg2rad(60.0)
 #: Greatest angle of the attitude [rad] without a warning: two turns, as of a yaw without steps. In
 #: Python angles are in radians.
 MAX_ANGLE = 4.0 * np.pi
@@ -54,7 +54,7 @@ ABOVE_FLOOR = 0.01
 def plausibility_warnings(scenario: Scenario) -> tuple[str, ...]:
     """Return a warning for each implausible property of a scenario."""
     whole = scenario.along(scenario.geometry.whole)
-    of_flight = (_speed, _bank, _height, _attitude, _ground, _range, _floor, _elevation, _antenna)
+    of_flight = (_speed, _steep, _height, _attitude, _ground, _range, _floor, _elevation, _antenna)
     others = (_spacing, _step, _origin, _frequency, _scan, _constant)
     texts = (*(check(whole) for check in of_flight), *(check(scenario) for check in others))
     return tuple(itertools.chain(*texts))
@@ -81,25 +81,32 @@ def _speed(scenario: Scenario) -> Iterator[str]:
         )
 
 
-def _bank(scenario: Scenario) -> Iterator[str]:
+def _steep(scenario: Scenario) -> Iterator[str]:
     if scenario.time_s is None:
         return
-    bank = abs(banks(scenario))
+    bank, pitch, _ = abs(level_attitude(scenario)).T
     yield from placed(
         "bank-steep",
-        bank > MAX_BANK,
+        bank > STEEP,
         scenario.axis,
         f"the aircraft banks by up to {np.rad2deg(bank.max()):.3g} deg",
         ": if bank follows from the track, it needs precise positions",
     )
+    yield from placed(
+        "climb-steep",
+        pitch > STEEP,
+        scenario.axis,
+        f"the aircraft climbs or dives by up to {np.rad2deg(pitch.max()):.3g} deg",
+        ": if pitch follows from the track, give the attitude of what can climb on the spot",
+    )
 
 
-def banks(scenario: Scenario) -> FloatArray:
-    """Return the bank (n,) [rad], relative to the horizontal at the aircraft."""
+def level_attitude(scenario: Scenario) -> FloatArray:
+    """Return roll, pitch, yaw (n, 3) [rad], relative to the horizontal at the aircraft."""
     attitude = scenario.aircraft[:, ATTITUDE]
     if scenario.origin is not None:
         attitude = turned_attitude(attitude, np.swapaxes(turn_from_level(scenario), -1, -2))
-    return attitude[:, 0]
+    return attitude
 
 
 def _height(scenario: Scenario) -> Iterator[str]:

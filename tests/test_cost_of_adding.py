@@ -51,7 +51,7 @@ EDITS = (
      "    steep = scenario.aircraft[:, 4] > np.deg2rad(60.0)\n"
      '    yield from placed("steep", steep, scenario.axis, "the aircraft climbs steeply")\n\n\n'
      + CHECK),
-    ("plausibility.py", "(_speed, _bank, _height", "(_speed, _pitch, _bank, _height"),
+    ("plausibility.py", "(_speed, _steep, _height", "(_speed, _pitch, _steep, _height"),
 )  # fmt: skip
 CLOSEST = '''"""How close the aircraft comes to each radar."""
 

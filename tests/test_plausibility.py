@@ -75,6 +75,13 @@ def test_a_bank_that_rounded_positions_make_up(tmp_path):
     assert steep.startswith("the aircraft banks by up to 88.2 deg at all 20 poses: if bank")
 
 
+def test_a_climb_almost_on_the_spot(tmp_path):
+    rows = [(t, 300000 + 0.2 * t, 0, -900 - 2 * t) for t in range(20)]
+    warnings = of_route(tmp_path, csv_text(HEAD, rows))
+    (steep,) = [text for text in warnings if "[climb-steep]" in text]
+    assert steep.startswith("the aircraft climbs or dives by up to 84.3 deg at all 20 poses: if")
+
+
 SWAPPED = {"latitude_deg": 8.5, "longitude_deg": 47.3, "altitude_m": 400}
 
 

@@ -16,7 +16,7 @@ from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar_constant import Tolerance, moments, relative_std
 from radar_sense.model.trajectory import distance_flown
-from radar_sense.plausibility import banks
+from radar_sense.plausibility import level_attitude
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, FloatArray
 from radar_sense.words import decibels, describe_poses, listed
@@ -56,7 +56,8 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         clock = timedelta(seconds=round(duration))
         lines.append(f"path: {duration:.6g} s ({clock}), {length:.4g} km, speed {_span(speed)} m/s")
     above = "the ellipsoid" if scenario.origin is not None else "the origin"
-    lines.append(f"height {_span(height)} m above {above}, bank {_span(banks(scenario) / DEG)} deg")
+    bank = level_attitude(scenario)[:, 0] / DEG
+    lines.append(f"height {_span(height)} m above {above}, bank {_span(bank)} deg")
     states = scenario.radar_states
     names = scenario.model.names or ("radar",)
     for name, radar, state in zip(names, scenario.model.radars, states, strict=True):

@@ -33,9 +33,9 @@ def attitude_from_motion(source: str, velocity: FloatArray, acceleration: FloatA
     W. McLain, *Small Unmanned Aircraft*, 2012, ch. 9, with χ = ψ). The acceleration to the right is
     V_h χ̇ = (v_n a_e − v_e a_n)/V_h.
 
-    Below the speed `HOVER` over ground, yaw is the last known course and the wings are level.
-    Before the first known course, yaw is the first known course. Without any motion the nose is
-    level too. An aircraft that never moves horizontally is refused.
+    Below the speed `HOVER` over ground, yaw is the last known course, and the aircraft is level,
+    also where it climbs. Before the first known course, yaw is the first known course. An aircraft
+    that never moves horizontally is refused.
 
     Args:
         source: Name of the track in errors.
@@ -53,7 +53,7 @@ def attitude_from_motion(source: str, velocity: FloatArray, acceleration: FloatA
     known = np.maximum.accumulate(np.where(moves, np.arange(len(speed)), -1))
     known[known < 0] = np.argmax(moves)
     yaw = np.arctan2(east, north)[known]
-    pitch = np.where(np.hypot(speed, down) >= HOVER, np.arctan2(-down, speed), 0.0)
+    pitch = np.where(moves, np.arctan2(-down, speed), 0.0)
     acceleration_right = north * acceleration[:, 1] - east * acceleration[:, 0]
     roll = np.arctan(acceleration_right / (gravity * np.where(moves, speed, np.inf)))
     return np.stack([roll, pitch, yaw], axis=-1)

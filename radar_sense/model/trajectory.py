@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
-from radar_sense.model.track import attitude_of_motion
+from radar_sense.model.track import HOVER, attitude_of_motion
 from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, real_array, slices
 
 if TYPE_CHECKING:
@@ -64,6 +64,19 @@ class Route(ReadOnly):
             f"<Route: {len(self.time_s)} poses, time {self.time_s[0]:.13g} "
             f"to {self.time_s[-1]:.13g} s>"
         )
+
+    @cached_property
+    def hovers(self) -> NDArray[np.bool_]:
+        """Whether the aircraft hovers on each leg (n − 1,), by the distance over ground."""
+        ground = self.aircraft[:, POSITION].copy()
+        if self.origin is None:
+            ground[:, DOWN] = 0.0
+        else:
+            place = geodesy.geodetic_from_ned(ground, self.origin)
+            place[:, 2] = 0.0
+            ground = geodesy.ned_from_geodetic(place, self.origin)
+        way = np.linalg.norm(np.diff(ground, axis=0), axis=1)
+        return np.asarray(way < HOVER * np.diff(self.time_s))
 
     @cached_property
     def turning(self) -> Slerp:
@@ -126,7 +139,8 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     cubic spline with continuous acceleration through all samples (C. de Boor, *A Practical Guide to
     Splines*, 1978, ch. IV, not-a-knot). Course, climb and bank come from the spline. In latitude
     and longitude the spline is lifted to its altitude, like a leg. Altitude stays between the
-    altitudes of two samples, unless the samples show the top of a curve (`Route.smooth_height`).
+    altitudes of two samples, unless the samples show the top of a curve (`Route.smooth_height`). A
+    leg on which the aircraft hovers is straight: a spline would move it to and fro.
 
     A given attitude turns from pose to pose about one axis at a constant rate (K. Shoemake,
     "Animating rotation with quaternion curves", SIGGRAPH 1985). Unlike interpolated Euler angles,
@@ -176,8 +190,9 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
         return route
     motion = _legs if method == "legs" else _smooth
     asked = time
-    if not route.attitude_given:  # where it hovers, the course is from before: a row at least
-        time = np.union1d(asked, route.time_s)
+    if not route.attitude_given:  # where it hovers, the course is that of the end of the leg before
+        ends = np.nextafter(route.time_s[1:-1][route.hovers[1:]], -np.inf)
+        time = np.unique(np.concatenate([asked, route.time_s, ends]))
     position, velocity, acceleration = motion(route, time)
     if route.attitude_given:
         to_ned = route.turning(time).as_matrix()
@@ -244,23 +259,31 @@ def _leg(times: FloatArray, at: FloatArray) -> tuple[NDArray[np.intp], FloatArra
 
 def _legs(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return position, velocity and acceleration (n, 3) on straight legs."""
-    leg, fraction = _leg(route.time_s, at)
-    waypoints = route.aircraft[:, POSITION]
-    velocity = np.diff(waypoints, axis=0) / np.diff(route.time_s)[:, np.newaxis]
-    velocity = velocity[leg]
-    position = waypoints[leg] + velocity * (at - route.time_s[leg])[:, np.newaxis]
-    acceleration = np.zeros_like(velocity)
+    position, velocity, acceleration = _straight(route, at)
     if route.origin is not None:
-        height = geodesy.geodetic_from_ned(waypoints, route.origin)[:, 2]
+        leg, fraction = _leg(route.time_s, at)
+        height = geodesy.geodetic_from_ned(route.aircraft[:, POSITION], route.origin)[:, 2]
         climb = (np.diff(height) / np.diff(route.time_s))[leg]
         height = height[leg] + fraction * (height[leg + 1] - height[leg])
         position = _lifted(position, height, climb, velocity, acceleration, route.origin)
     return position, velocity, acceleration
 
 
+def _straight(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return position, velocity and acceleration (n, 3) on straight lines, through the earth."""
+    leg, _ = _leg(route.time_s, at)
+    waypoints = route.aircraft[:, POSITION]
+    velocity = (np.diff(waypoints, axis=0) / np.diff(route.time_s)[:, np.newaxis])[leg]
+    position = waypoints[leg] + velocity * (at - route.time_s[leg])[:, np.newaxis]
+    return position, velocity, np.zeros_like(velocity)
+
+
 def _smooth(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return position, velocity and horizontal acceleration (n, 3) on the cubic spline."""
     position, velocity, acceleration = (route.spline(at, order) for order in range(3))
+    hovers = route.hovers[_leg(route.time_s, at)[0]]
+    if hovers.any():
+        position[hovers], velocity[hovers], acceleration[hovers] = _straight(route, at[hovers])
     height, climb = (route.smooth_height(at, order) for order in range(2))
     if route.origin is None:
         position[:, DOWN], velocity[:, DOWN] = -height, -climb
