@@ -178,16 +178,28 @@ class Mask(_Directions):
     def clearance_within(
         self, aircraft: FloatArray, radar: FloatArray, error: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of `clearance` (...) if positions are off by up to a distance (...) [m].
+        """Return bounds of `clearance` (...) if positions are off by up to a distance (...) [m]."""
+        azimuth, elevation, distance = self._direction(aircraft, radar)
+        turn, aside = (_turn(error, d) for d in (distance, distance * np.cos(elevation)))
+        low, high = self._extremes(azimuth - aside, azimuth + aside)
+        return elevation - turn - high, elevation + turn - low
 
-        Nothing is known of the azimuth, so that the least and the greatest of the mask count.
+    def _extremes(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the least and the greatest elevation (...) of the mask between two azimuths (...).
+
+        The azimuths are from −2π to 2π, and at most a turn apart.
         """
-        _, elevation, distance = self._direction(aircraft, radar)
-        apart = distance > error  # else any direction is possible
-        part = np.divide(error, distance, out=np.zeros_like(distance), where=apart)
-        turn = np.where(apart, np.arcsin(part), np.pi)
-        low, high = elevation - turn, elevation + turn
-        return low - self.elevation.max(), high - self.elevation.min()
+        nodes = np.concatenate([self.azimuth + math.tau * turns for turns in range(-2, 3)])
+        ends = np.stack([first, last])
+        at_ends = np.interp(ends, self.azimuth, self.elevation, period=math.tau)
+        places = np.searchsorted(nodes, ends)
+        some, of_nodes = places[0] < places[1], np.tile(self.elevation, 5)
+        least, most = (
+            of.reduceat(of_nodes, np.moveaxis(places, 0, -1).ravel())[::2].reshape(some.shape)
+            for of in (np.minimum, np.maximum)
+        )
+        low = np.minimum(at_ends.min(axis=0), np.where(some, least, np.inf))
+        return low, np.maximum(at_ends.max(axis=0), np.where(some, most, -np.inf))
 
     def _direction(
         self, aircraft: ArrayLike, radar: ArrayLike
@@ -197,6 +209,13 @@ class Mask(_Directions):
         north, east, down = (_along(axis, line) for axis in self.axes.T)
         across = np.hypot(north, east)
         return np.arctan2(-east, -north), np.arctan2(down, across), np.hypot(across, down)
+
+
+def _turn(error: FloatArray, distance: FloatArray) -> FloatArray:
+    """Return by how much (...) [rad] an error (...) turns a vector; π if in any direction."""
+    apart = distance > error
+    part = np.divide(error, distance, out=np.zeros_like(distance), where=apart)
+    return np.where(apart, np.arcsin(part), np.pi)
 
 
 def _along(axis: FloatArray, line: Vector) -> FloatArray:

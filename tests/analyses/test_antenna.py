@@ -194,6 +194,24 @@ def test_sight_is_certain_where_it_says_so(masked):
     assert high >= np.deg2rad(90 + 2)
 
 
+@pytest.mark.parametrize("first_deg", [-180, 0, 30])
+def test_a_mask_is_bounded_where_the_azimuth_may_be(first_deg):
+    """The bounds are the least and greatest clearance around the aircraft, and no wider."""
+    rng = np.random.default_rng(first_deg + 200)
+    for _ in range(40):
+        azimuth = np.sort(rng.uniform(first_deg, min(first_deg + 360, 360), rng.integers(2, 9)))
+        mask = rs.Mask(np.deg2rad(azimuth), np.deg2rad(rng.uniform(-5, 30, len(azimuth))))
+        bearing, size = rng.uniform(-np.pi, np.pi), 10 ** rng.uniform(0, 4)
+        aircraft = np.zeros((2001, 6))
+        turn = np.linspace(-1, 1, 2001) * np.arcsin(min(size / 1e4, 1))
+        aircraft[:, 0], aircraft[:, 1] = 1e4 * np.cos(bearing + turn), 1e4 * np.sin(bearing + turn)
+        low, high = mask.clearance_within(aircraft[1000], np.zeros(4), np.array(size))
+        around, tilt = mask.clearance(aircraft, np.zeros(4)), np.arcsin(size / 1e4)
+        assert_allclose([low, high], [around.min() - tilt, around.max() + tilt], atol=0.02)
+        assert low <= around.min() - tilt + 1e-9
+        assert high >= around.max() + tilt - 1e-9
+
+
 def test_a_radar_on_earth_has_its_own_vertical(tmp_path):
     """1000 km from the origin the vertical is 9 deg off that of the origin."""
     files(tmp_path)
