@@ -269,13 +269,13 @@ class _Search:
         return bool(np.all(self._excess(names, log_factor, limit, PRECISE)[0] <= 0.0))
 
     def _strict(self, names: tuple[str, ...], log_factor: float) -> bool:
-        """Return whether draws find 3σ well below the limit, where FORM finds it at the limit.
+        """Return whether draws find 3σ below the limit, where FORM finds it at the limit.
 
         σ by FORM is too large where c_r may come near 0. Its bounds are not.
         """
         if self.k is not None or self.method != AUTOMATIC:
             return False
-        excess, errors = self._excess(names, log_factor, self.limit - self._off, PRECISE)
+        excess, errors = self._excess(names, log_factor, (1.0 - NEAR) * self.limit, PRECISE)
         return bool(np.all(excess < -SURE * errors))
 
     def _holds(

@@ -1,5 +1,7 @@
 """What `budget --threshold` requires agrees with the threshold test, and with what is known."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from helpers import CONFIGS, required
@@ -53,6 +55,21 @@ def test_the_bound_of_a_violated_threshold_is_above_it():
     # draws are not sure of 0.7276, which is no test that holds
     assert rs.analyses.variance(s, threshold=0.7276).passed is False
     assert required(s, 0.7276, "radar_constant", k=3.0)["radar_constant"].factor < 1
+
+
+@pytest.mark.all_draws
+def test_a_source_may_grow_as_far_as_draws_say():
+    """σ by FORM is 2 % too large, and levels off: the factor where it is 1 was 9 % too small."""
+    s = dataclasses.replace(near("constant: 0.003", 0.0012).at_poses(slice(0, 1)), rcs_db=1.0)
+    u, error = np.random.default_rng(3).standard_normal((2, 1_000_000))
+    snr = np.maximum(0.003 + 0.0012 * u, 0.0) / (Boltzmann * np.hypot(60e3, 1e3) ** 4)
+
+    def three_sigma(factor):
+        return 3 * np.std(1e-6 ** (1 / (1 + snr * 10 ** (factor * error / 10))))
+
+    largest = brentq(lambda factor: three_sigma(factor) - 1.0, 1.0, 20.0, xtol=1e-3)
+    (found,) = required(s, 1.0, "aircraft_rcs").values()
+    assert 0.97 * largest < found.factor < 1.005 * largest
 
 
 def test_a_target_asks_for_no_more_than_it_takes(monkeypatch):
