@@ -58,8 +58,11 @@ class Axis(ReadOnly):
         return f"{self.prefix}{numbers} {self.unit}".strip()
 
     def at(self, pose: int) -> str:
-        """Return the coordinate of a pose for a sentence."""
-        return self.format(float(self.values[pose]))
+        """Return the coordinate of a pose for a sentence, exact if a pose beside reads the same."""
+        value, beside = float(self.values[pose]), self.values[max(pose - 1, 0) : pose + 2]
+        numbers = [self.number(v) for v in beside.tolist()]
+        alike = numbers.count(self.number(value)) > 1
+        return self.in_words(format(value, self.digits)) if alike else self.format(value)
 
     def pose_at(self, value: float) -> int:
         """Return the pose at a value, which is within the tolerance, or raise InputError."""
@@ -97,8 +100,8 @@ def steps(start: float, stop: float, step: float, most: int) -> FloatArray:
     Raises:
         InputError: If the step does not lead to stop, or there are more than `most` numbers.
     """
-    if step == 0 or (stop - start) * step < 0:
-        back = f"; did you mean {-step:g}?" if step else ""
+    if step == 0 or (stop - start) * step < 0 or 0 < abs(stop - start) < abs(step):
+        back = f"; did you mean {-step:g}?" if (stop - start) * step < 0 else ""
         raise InputError(
             f"must be a step other than 0 that leads from {start:g} to {stop:g}, got {step:g}{back}"
         )

@@ -13,7 +13,7 @@ from radar_sense.axis import Axis, reached, runs_of
 from radar_sense.command import OF_RADAR, Result, Table
 from radar_sense.covariance import square_root
 from radar_sense.errors import counted
-from radar_sense.model.detectors import CFARS, DETECTORS, Detector, PulseDetector
+from radar_sense.model.detectors import CFARS, DETECTORS, Detector, OrderedStatistics, PulseDetector
 from radar_sense.model.geometry import body_vector, elevation_of
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.statistics import DrawStatistics
@@ -95,19 +95,25 @@ def listed(words: Iterable[str], before_last: str = "and") -> str:
     return f" {before_last} ".join(filter(None, (", ".join(others), last)))
 
 
-def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
-    """Describe the poses of a mask; "" if there are none."""
+def describe_poses(
+    mask: NDArray[np.bool_], axis: Axis, spans: Sequence[tuple[float, float]] = ()
+) -> str:
+    """Describe the poses of a mask; "" if there are none.
+
+    Spans are the values from which to which each run of poses is, by default its own.
+    """
     count = int(np.count_nonzero(mask))
     if count == 0:
         return ""
     if count == mask.size:
         return f"at all {count} {axis.places}" if count > 1 else f"at {axis.at(0)}"
-    spans = [(axis.number(axis.values[a]), axis.number(axis.values[b])) for a, b in runs_of(mask)]
-    if len(spans) > 4:
-        first, last = spans[0][0], spans[-1][1]
+    spans = spans or [(axis.values[a], axis.values[b]) for a, b in runs_of(mask)]
+    numbers = [(axis.number(a), axis.number(b)) for a, b in spans]
+    if len(numbers) > 4:
+        first, last = numbers[0][0], numbers[-1][1]
         spanned = axis.in_words(f"{first} and {last}")
         return f"at {count} of {mask.size} {axis.places} between {spanned}"
-    words = (a if a == b else f"{a} to {b}" for a, b in spans)
+    words = (a if a == b else f"{a} to {b}" for a, b in numbers)
     return f"at {axis.in_words(', '.join(words))}"
 
 
@@ -141,7 +147,8 @@ def describe_detector(detector: Detector) -> str:
         words.append(f"{detector.pulses} pulses")
     if detector.cfar is not None:
         kinds = [name for name, cls in CFARS.items() if isinstance(detector.cfar, cls)]
-        words.append(f"{kinds[0]} {detector.cfar.cells}")
+        rank = f"{detector.cfar.rank} of " if isinstance(detector.cfar, OrderedStatistics) else ""
+        words.append(f"{kinds[0]} {rank}{detector.cfar.cells}")
     if detector.binary is not None:
         words.append(f"{detector.binary.m} of {detector.binary.n}")
     return ", ".join(words)

@@ -14,7 +14,7 @@ from radar_sense.axis import Axis
 from radar_sense.command import Figure, Result, command
 from radar_sense.errors import InputError
 from radar_sense.model.geometry import body_vector, elevation_of
-from radar_sense.model.rcs import RCS
+from radar_sense.model.rcs import RCS, SpikeballRCS
 from radar_sense.model.rcs_table import MAX_NODES, TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
@@ -102,7 +102,9 @@ def rcs(scenario: Scenario) -> Result:
     beyond = abs(elevation - np.clip(elevation, low, high))  # the outermost values again
     within = beyond <= 0.5 * ELEVATION_STEP
     every = "any elevation" if ends is None else "any elevation of the table"
-    _add_extremes(result, azimuth, elevation[within], maps[0][within], every)
+    marked = np.union1d(azimuth.round(9), _marks(model, len(azimuth)).round(9))
+    of_marked = np.array(pattern(model, marked, elevation[within, np.newaxis]))
+    _add_extremes(result, marked, elevation[within], of_marked, every)
     low, high = decibels(np.array([seen.min(), seen.max()])).round(1) + 0.0
     extremes = seen_elevation.min(), seen_elevation.max()
     at_elevation = " to ".join(dict.fromkeys(f"{end.round(1) + 0.0}" for end in extremes))
@@ -141,6 +143,15 @@ def _lobes(model: RCS) -> dict[str, float]:
         return dict.fromkeys(("azimuth", "elevation"), math.degrees(model.detail))
     # two steps of nodes make a lobe; the written table has the elevations of the nodes
     return {"azimuth": 2.0 * math.degrees(np.min(np.diff(model.azimuth))), "elevation": math.inf}
+
+
+def _marks(model: RCS, most: int) -> FloatArray:
+    """Return azimuths [deg] at which the extremes of a model may be, up to a number."""
+    if isinstance(model, TableRCS):
+        return np.asarray((np.rad2deg(model.azimuth) + 180.0) % 360.0 - 180.0)
+    if isinstance(model, SpikeballRCS) and 2 * model.lobes <= most:  # tops and bottoms of lobes
+        return np.linspace(-180.0, 180.0, 2 * model.lobes, endpoint=False)
+    return np.zeros(0)
 
 
 def _add_extremes(

@@ -6,16 +6,20 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from radar_sense import plotting, words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
+from radar_sense.axis import Axis, runs_of
 from radar_sense.command import Axes, Result
 from radar_sense.errors import InputError
+from radar_sense.montecarlo.exceedance import share_beyond
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
 
 #: Digits of the place from which a bound is above, of the length of a path.
 DIGITS = 4
@@ -184,10 +188,32 @@ def _report(tested: PathTest) -> list[str]:
 def _verdict(tested: PathTest) -> str:
     test, axis = tested.test, tested.path.scenario.axis
     if test.violated.any():
-        return f"VIOLATED {words.describe_poses(test.violated, axis)}"
+        return f"VIOLATED {_beyond(test.violated, test.margin, axis)}"
     if test.unknown.any():
         return f"NOT KNOWN {words.describe_poses(test.unknown, axis)}"
     return "holds at every pose" + (" and between them" if tested.path.added else "")
+
+
+def _beyond(mask: NDArray[np.bool_], margin: FloatArray, axis: Axis) -> str:
+    """Describe the poses of a mask, from where to where their margin (n,) is below 0.
+
+    The margin is taken to be linear between poses, and the ends are rounded outwards.
+    """
+    values = axis.values
+    digits = DIGITS - math.ceil(math.log10(np.ptp(values) or 1.0))
+
+    def end(pose: int, beside: int) -> float:
+        """Return where the margin is 0 towards a pose beside; the pose itself if that is below."""
+        if not (0 <= beside < len(values) and margin[beside] >= 0 > margin[pose]):
+            return float(values[pose])
+        step = float(values[beside] - values[pose])
+        way = step * float(share_beyond(margin[[pose, beside]])[0])
+        outwards = math.copysign(0.5 * 10.0**-digits, way)
+        place = round(float(values[pose]) + way + outwards, digits)
+        return place if abs(place - values[pose]) < abs(step) else float(values[beside])
+
+    spans = [(end(a, a - 1), end(b, b + 1)) for a, b in runs_of(mask)]
+    return words.describe_poses(mask, axis, spans)
 
 
 def worst_band(tested: PathTest) -> str:
@@ -214,8 +240,8 @@ def _remedy(tested: PathTest) -> str:
 def _why(tested: PathTest) -> str:
     """Return whether P_D itself is beyond the limit, or only its bound."""
     required, axis, p_d = tested.test.requirement, tested.path.scenario.axis, tested.path.band.p_d
-    margin = np.where(tested.test.violated, required.margin(p_d), np.nan)
-    place, limit = words.describe_poses(margin < 0, axis), f"{required.limit:g}"
+    margin, limit = required.margin(p_d), f"{required.limit:g}"
+    place = _beyond(margin < 0, margin, axis)
     itself = f"P_D itself is {side(required)} {limit} {place}"
     goal = f"--k {required.k:g}"
     if required.probability is not None:

@@ -91,6 +91,7 @@ REFUSED = {
     "variance --set name=a --set name=b": "Error: --set name=b: is given twice; give it once\n",
     "sweep radar.constnt 100 200 50": "unknown key 'constnt'",
     "sweep radar.constant 0 200 50": "radar.constant=0: radar.constant: must be",
+    "sweep radar.constant 100 200 500": "must be a step other than 0 that leads from 100 to 200",
     "sweep radar.constant 100 200 0": "step must be a step other than 0 that leads from 100 to 200",
     "sweep radar.constant 100 200 50 --k -5": "and not greater than 10, got '-5'\n",
     "sweep radar.constant 200 100 25": "from 200 to 100, got 25; did you mean -25?",

@@ -377,6 +377,10 @@ def test_required_snr():
     assert required_snr(Marcum(), 1e-6, 1e-7) == 0.0
     with pytest.raises(InputError, match="p_d must be"):
         required_snr(Marcum(), 1e-6, 1.0)
+    # the least of two cells: P_D = 1/(1 + α/(2(1 + S))), which is P_fa at S = 0
+    worst = Swerling1(cfar=OrderedStatistics(2, 1))
+    for p_d, decibels in ((0.5, 300.0), (0.9, 309.542425), (1 - 1e-6, 360.0)):
+        assert 10 * math.log10(required_snr(worst, 1e-30, p_d)) == pytest.approx(decibels, abs=1e-5)
 
 
 def test_detectors_are_values():
