@@ -233,6 +233,7 @@ RUNS: Mapping[str, Sequence[tuple[str, Mapping[str, Any]]]] = {
         ("path", {}),
         ("corridor", {"threshold": 0.9}),
         ("network", {"at_least": 0.1}),
+        ("network", {"method": "montecarlo", "runs": 8}),
     ],
     "budget": [
         ("paper", {"method": "montecarlo", "runs": 8}),

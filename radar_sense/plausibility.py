@@ -372,17 +372,23 @@ def _scan(scenario: Scenario) -> Iterator[str]:
 
 
 def _constant(scenario: Scenario) -> Iterator[str]:
-    """Yield a warning if a normal radar constant is below zero within 3σ."""
-    constant = scenario.radar_states[:, CONSTANT]
-    variance = np.diagonal(scenario.cov_radar).reshape(-1, len(RADAR))
-    normal = [not tolerances for tolerances in scenario.tolerances]
-    std = np.sqrt(variance[:, CONSTANT]) * normal
-    worst = int(np.argmax(std / constant))
-    if 3.0 * std[worst] > constant[worst]:
+    """Yield a warning if a normal c_r, or a normal parameter of one, is below zero within 3σ."""
+    normal = []
+    for name, radar in zip(_names(scenario), scenario.radars, strict=True):
+        level = radar.levels[scenario.level]
+        normal += [
+            (f"{t.key} of {name}", t.value, t.std)
+            for t in level.tolerances
+            if t.power > 0 and not (t.decibels or t.rectangular)
+        ]
+        if radar.state is not None and not level.tolerances:
+            std = math.sqrt(level.covariance[CONSTANT, CONSTANT])
+            normal.append((f"c_r of {name}", float(radar.state[CONSTANT]), std))
+    what, value, std = max(normal, key=lambda of: of[2] / of[1], default=("", 1.0, 0.0))
+    if 3.0 * std > value:
         yield warning(
             "constant-clipped",
-            f"c_r of {_names(scenario)[worst]} is {constant[worst]:.4g} with sigma "
-            f"{std[worst]:.4g} at the level {scenario.level}, so it counts as 0 in "
-            f"{ndtr(-constant[worst] / std[worst]):.1%} of the cases, where P_D is P_fa: give "
+            f"{what} is {value:.4g} with sigma {std:.4g} at the level {scenario.level}, so it "
+            f"counts as 0 in {ndtr(-value / std):.1%} of the cases, where P_D is P_fa: give "
             "tolerances in dB, or check the units",
         )

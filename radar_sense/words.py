@@ -134,7 +134,7 @@ def probability(value: float) -> str:
 
 def heading(yaw_deg: float) -> str:
     """Return a yaw [deg] as a heading from 0 to below 360 deg, in four digits."""
-    return f"heading {float(f'{yaw_deg % 360:.4g}') % 360:g} deg"
+    return f"heading {float(f'{round(yaw_deg, 6) % 360:.4g}') % 360:g} deg"
 
 
 def describe_detector(detector: Detector) -> str:

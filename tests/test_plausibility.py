@@ -334,6 +334,13 @@ def test_a_constant_with_tolerances_is_never_below_zero():
     assert not any("[constant-clipped]" in text for text in plausibility_warnings(s))
 
 
+def test_a_parameter_of_a_data_sheet_that_is_below_zero():
+    large = {"uncertainty.radar.data_sheet.constant.average_power_kw": 10}
+    s = rs.load_scenario(SCANNING, {**large, "analysis.level": "data_sheet"})
+    (clipped,) = [text for text in plausibility_warnings(s) if "[constant-clipped]" in text]
+    assert clipped.startswith("average_power_kw of the radar is ")
+
+
 def test_degrees_in_a_python_scenario_are_warned_of():
     """A file refuses such an angle."""
     s = scenario()

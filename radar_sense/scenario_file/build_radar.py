@@ -344,6 +344,11 @@ def _tolerances(stated: Any, sheet: DataSheet | None) -> tuple[Tolerance, ...]:
                 + did_you_mean(name, set(allowed) - set(std))
             )
         (tolerance,) = sheet.tolerances({name: value})
+        if not tolerance.decibels and limits.get(name, 0.0) > tolerance.value:
+            raise at["half_width"].error(
+                f"must be at most {tolerance.value:g}, the parameter, which is not negative; "
+                f"got {limits[name]:g}"
+            )
         most = MAX_DIVISOR_STD * tolerance.value
         if tolerance.power < 0 and not tolerance.decibels and value > most:
             raise at.error(

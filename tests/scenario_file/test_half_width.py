@@ -130,6 +130,7 @@ def test_the_record_has_the_limits_as_typed():
         ({"gain_db": {"half_width": 1}}, "unknown key 'gain_db'"),
         ({"frequency_ghz": {"half_width": 2}}, "must be a number not less than 0 and not greater"),
         ({"losses_db": {"radome": {"half_width": 1}}}, "is not in the data sheet"),
+        ({"peak_power_kw": {"half_width": 1e6}}, "peak_power_kw.half_width: must be at most "),
     ],
 )
 def test_wrong_limits_are_refused_in_one_line(tolerance, message):
