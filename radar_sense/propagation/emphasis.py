@@ -290,7 +290,8 @@ def _approach(states: UncertainStates, beta: float, number: int) -> FloatArray:
 def _directions(states: UncertainStates, number: int) -> FloatArray:
     """Return orthonormal directions (k, d, q) of u in which the signal of a radar changes.
 
-    The directions span the gradients of what the signal depends on.
+    The directions span the gradients of what the signal depends on, but for the direction of the
+    line of sight in level axes where the aspect matters too: to add it lowers no error by 2 %.
     """
     radar, position = states.model.radars[number], of_radar(number, POSITION)
     line = radar_from_aircraft(states.aircraft, states.radar[:, position])

@@ -199,14 +199,18 @@ def test_a_mask_is_bounded_where_the_azimuth_may_be(first_deg):
     """The bounds are the least and greatest clearance around the aircraft, and no wider."""
     rng = np.random.default_rng(first_deg + 200)
     for _ in range(40):
-        azimuth = np.sort(rng.uniform(first_deg, min(first_deg + 360, 360), rng.integers(2, 9)))
+        last_deg = rng.uniform(first_deg + 20, min(first_deg + 360, 360))
+        azimuth = np.sort(rng.uniform(first_deg, last_deg, rng.integers(2, 9)))
         mask = rs.Mask(np.deg2rad(azimuth), np.deg2rad(rng.uniform(-5, 30, len(azimuth))))
-        bearing, size = rng.uniform(-np.pi, np.pi), 10 ** rng.uniform(0, 4)
+        bearing, size = rng.uniform(-np.pi, np.pi), 10 ** rng.uniform(0, 5)
         aircraft = np.zeros((2001, 6))
-        turn = np.linspace(-1, 1, 2001) * np.arcsin(min(size / 1e4, 1))
+        aircraft[:, 2] = -(10 ** rng.uniform(0, 4.5))
+        level, slant = 1e4, np.hypot(1e4, aircraft[0, 2])
+        aside, tilt = (np.arcsin(size / d) if size < d else np.pi for d in (level, slant))
+        turn = np.linspace(-1, 1, 2001) * aside
         aircraft[:, 0], aircraft[:, 1] = 1e4 * np.cos(bearing + turn), 1e4 * np.sin(bearing + turn)
         low, high = mask.clearance_within(aircraft[1000], np.zeros(4), np.array(size))
-        around, tilt = mask.clearance(aircraft, np.zeros(4)), np.arcsin(size / 1e4)
+        around = mask.clearance(aircraft, np.zeros(4))
         assert_allclose([low, high], [around.min() - tilt, around.max() + tilt], atol=0.02)
         assert low <= around.min() - tilt + 1e-9
         assert high >= around.max() + tilt - 1e-9

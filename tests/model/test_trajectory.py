@@ -313,11 +313,11 @@ def test_the_course_of_a_hover_is_that_of_arrival_on_the_earth(asked):
 def test_a_smooth_flight_keeps_place_and_course_where_it_hovers():
     """East at 20 m/s, 100 s on the spot with a drift and a climb, then north."""
     time = np.arange(0, 305, 5.0)
-    east = 20 * np.minimum(time, 100) + 0.05 * (time > 150)
+    east = 20 * np.minimum(time, 100) + 0.3 * (time > 100)
     north, down = 20 * np.maximum(0, time - 200), -300 - 0.2 * np.clip(time - 100, 0, 100)
     flight = load({"time_s": time, "north_m": north, "east_m": east, "down_m": down})
     found = interpolate(flight, np.arange(100.0, 200.0, 0.7), "smooth").aircraft
-    np.testing.assert_allclose(found[:, :2], [[0, 2000]] * len(found), atol=0.06)
+    np.testing.assert_allclose(found[:, :2], [[0, 2000]] * len(found), atol=0.31)
     np.testing.assert_allclose(found[:, 3:], [[0, 0, np.pi / 2]] * len(found), atol=1e-12)
     between = interpolate(flight, np.array([102.5, 197.5]), "smooth").aircraft
     np.testing.assert_allclose(between[:, 2], [-300.5, -319.5], atol=0.3)

@@ -14,7 +14,13 @@ from studies.bands.model import Oracle, Problem, Radar
 from studies.bands.populations import diagonal, slope, with_snr
 
 import radar_sense as rs
-from radar_sense.propagation import METHODS, propagate, propagate_scenario, unreliable_in_scenario
+from radar_sense.propagation import (
+    METHODS,
+    emphasis,
+    propagate,
+    propagate_scenario,
+    unreliable_in_scenario,
+)
 from radar_sense.propagation.automatic import Automatic, judged, of_bounds
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.form import Form
@@ -49,6 +55,30 @@ def case(rcs, aircraft, radars, detector="north", p_max=0.5, tolerances=(), **li
         of_first = {}
     of_radars = diagonal(deviations)
     return Case(Problem("draws", 0, pose, tuple(made), rcs, diagonal(std), of_radars), p_max)
+
+
+@pytest.mark.parametrize("rcs", [rs.ConstantRCS(0.1), rs.EllipsoidRCS(0.15, 0.13, 0.21)])
+def test_draws_are_emphasized_in_all_directions_that_change_the_signal(rcs):
+    """The gradient of z by unit normals, and that by the tilt alone, are sums of the directions."""
+    rng = np.random.default_rng(4)
+    gain = rs.ElevationGain(np.linspace(-0.2, 0.9, 9), -rng.uniform(0, 9, 9))
+    factors = (rs.Attenuation(2e-5), *((gain,) if rcs.isotropic else ()))
+    model = rs.DetectionModel(rcs, P_FA, factors=factors)
+    errors = {"attenuation": 0.3, "tilt": 0.01 * rcs.isotropic}
+    level = rs.Level(np.diag([9, 9, 9, 1e-4]), errors=errors)
+    radar = rs.Radar(model, state=np.array([0, 0, -20, 0.01]), levels={"one": level})
+    poses = np.hstack([rng.uniform(-3e4, -2e3, (20, 3)), rng.uniform(-0.5, 0.5, (20, 3))])
+    geometry = rs.States.of(poses, np.diag([100.0, 200, 50, 0.01, 0.02, 0.03]) ** 2)
+    states = rs.Scenario(radars=(radar,), geometry=geometry, rcs_db=1.0).states()
+    _, *by_states = states.model.linearize_probit(states.aircraft, states.radar)
+    tilt = np.zeros_like(by_states[1])
+    tilt[:, 6] = 1.0
+    directions = emphasis._directions(states, 0)
+    for gradient in (by_states, (np.zeros_like(states.aircraft), tilt)):
+        by_u = states.by_normals(*gradient, states.radar)
+        along = np.einsum("kdq,kd->kq", directions, by_u)
+        of_directions = np.einsum("kdq,kq->kd", directions, along)
+        assert_allclose(of_directions, by_u, atol=1e-9 * abs(by_u).max())
 
 
 PROBLEMS = {
