@@ -38,12 +38,9 @@ EXAMPLES = {
     "mask": "mask.csv",
     "tilt_deg": 1.5,
     "radar.mask.file": "mask.csv",
-    "radar.elevation_gain.file": "gain.csv",
     "min_range_km": 3,
-    "horizon": "true",
     "m": 3,
     "n": 5,
-    "type": "cell_averaging",
     "radar.type": "gap_filler",
     "band": "s",
     "eclipsing": "true",
@@ -57,7 +54,6 @@ EXAMPLES = {
     "peak_power_w": 2000,
     "wavelength_m": 0.0333,
     "bandwidth_mhz": 0.05,
-    "rcs_m2": 0.2,
     "envelope_deg": 3,
     "altitude_above": "sea",
     "down_km": -0.5,
@@ -459,10 +455,8 @@ def _plain(annotation: Any) -> str:
 def _default(p: inspect.Parameter) -> str:
     if p.default is p.empty:
         return ""
-    if p.default is dataclasses._HAS_DEFAULT_FACTORY:  # type: ignore[attr-defined]
-        return " = ..."
     value = repr(p.default)
-    return f" = {'...' if ' at 0x' in value or len(value) > 40 else value}"
+    return f" = {'...' if value.startswith('<') or len(value) > 40 else value}"
 
 
 def _markdown(doc: str | None) -> str:

@@ -1,6 +1,7 @@
 """The command line: finds the commands, reads the scenario, runs, writes, exit codes; no numbers.
 
-`--help` and `init` need no NumPy: a command is imported for its own options and its run only.
+`--help` and `init` need no NumPy: the analyses are imported, all together, for the options or the
+run of one of them.
 """
 
 from __future__ import annotations

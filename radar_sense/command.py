@@ -130,7 +130,6 @@ class Result:
 
     Attributes:
         scenario: The scenario, with level, method, runs and seed as they were used.
-        method: Method of propagation of the numbers; by default the scenario's.
         table: The columns.
         summary: Numbers for the JSON record.
         report: Lines for the terminal, the answer first.
@@ -143,7 +142,6 @@ class Result:
     """
 
     scenario: Scenario
-    method: str = ""
     table: Table = field(default_factory=Table)
     summary: dict[str, Any] = field(default_factory=dict)
     report: list[str] = field(default_factory=list)
@@ -153,9 +151,6 @@ class Result:
     exports: Mapping[str, Callable[[Result], bytes]] = field(default_factory=dict)
     analysis: str = "result"
     shown: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        self.method = self.method or self.scenario.method
 
     @property
     def stem(self) -> str:
@@ -167,7 +162,7 @@ class Result:
         """Scenario, level and method, for the figure. Numbers without a σ have no level."""
         words = [f"scenario {self.scenario.name}"]
         if any("sigma" in name for name in self.table):
-            chosen = {"level": self.scenario.level, "method": self.method}
+            chosen = {"level": self.scenario.level, "method": self.scenario.method}
             words += [f"{name} {word}" for name, word in chosen.items() if name in self.shown]
         return ", ".join(words)
 

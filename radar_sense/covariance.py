@@ -229,13 +229,6 @@ def draws(mean: FloatArray, sqrt_cov: FloatArray, normals: FloatArray) -> FloatA
     return drawn.transpose(*range(1, drawn.ndim), 0)
 
 
-def component_first(matrices: FloatArray) -> FloatArray:
-    """Return matrices (..., n, n) with each entry [..., i, j] contiguous in memory."""
-    return np.moveaxis(
-        np.ascontiguousarray(np.moveaxis(matrices, (-2, -1), (0, 1))), (0, 1), (-2, -1)
-    )
-
-
 def _correlation(covariance: FloatArray) -> FloatArray:
     std = np.sqrt(abs(np.diagonal(covariance, axis1=-2, axis2=-1)))
     std = np.where(std > 0, std, 1.0)

@@ -166,6 +166,13 @@ def check_number(name: str, value: Any, limit: Limit) -> Any:
     return int(number) if limit.whole else number
 
 
+class Checked:
+    """A dataclass whose declared fields are checked, see `check_parameters`."""
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
 def check_parameters(instance: Any) -> None:
     """Check the fields that are declared with a kind, and make Python numbers of numbers."""
     for f in fields(instance):

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.constants import speed_of_light
 from scipy.special import ndtr
 
-from radar_sense.acceptance.frames import attitude_off, turn_from_level, turned_wrongly
+from radar_sense.acceptance.frames import attitude_off, turned_wrongly
 from radar_sense.acceptance.refinement import along, coarseness, places
 from radar_sense.flight import Path
 from radar_sense.model.antenna import ElevationGain
-from radar_sense.model.geodesy import turned_attitude
+from radar_sense.model.geodesy import turn_from_level, turned_attitude
 from radar_sense.model.geometry import body_vector, elevation_of, radar_from_aircraft, slant_range
 from radar_sense.model.horizon import horizon_range
 from radar_sense.model.rcs_table import TableRCS
@@ -105,7 +105,8 @@ def level_attitude(scenario: Scenario) -> FloatArray:
     """Return roll, pitch, yaw (n, 3) [rad], relative to the horizontal at the aircraft."""
     attitude = scenario.aircraft[:, ATTITUDE]
     if scenario.origin is not None:
-        attitude = turned_attitude(attitude, np.swapaxes(turn_from_level(scenario), -1, -2))
+        turn = turn_from_level(scenario.aircraft[:, POSITION], scenario.origin)
+        attitude = turned_attitude(attitude, np.swapaxes(turn, -1, -2))
     return attitude
 
 

@@ -23,7 +23,7 @@ from radar_sense.model.radar import NEVER
 from radar_sense.model.radar_constant import ErrorKey
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
-from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, STD_CHANGE, distribution, mean_and_std
+from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, STD_CHANGE, distribution
 from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.staged import draws_at_first
 from radar_sense.scenario import Scenario
@@ -210,12 +210,11 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     what = f"{count:,} sources at {len(states):,} poses"
     foresee(what, evaluations, less="fewer poses")
     whole = distribution(scenario, method)
-    mean, std = mean_and_std(whole)
     std_by_name: dict[str, FloatArray] = {}
     for name in names:
         std_by_name[name] = whole.with_covariances(scaled(scenario, [name], 1.0, 0.0)).std
         report("sources of the budget", len(std_by_name), count)
-    return _budget(scenario, mean, std, std_by_name, {})
+    return _budget(scenario, whole.mean, whole.std, std_by_name, {})
 
 
 def _budget(

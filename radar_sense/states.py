@@ -87,7 +87,7 @@ def slices(count: int, size: int | None = None) -> Iterator[slice]:
     """Yield slices of a size, by default a block, that together are `count` poses."""
     size = size or BLOCK
     for start in range(0, count, size):
-        yield slice(start, start + size)
+        yield slice(start, min(start + size, count))
 
 
 def blocks(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:

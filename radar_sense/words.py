@@ -225,14 +225,16 @@ def add_mean(table: Table, mean: FloatArray, method: str, ending: str = "") -> N
         table.add(f"mean_pd{ending}", mean, f"Mean of P_D{level}; for linear the mean is p_d.")
 
 
-def add_draws(table: Table, draws: DrawStatistics, k: float) -> None:
-    """Add the columns of the draws."""
-    table.add("mc_mean", draws.mean, "Mean of the draws of P_D.")
-    table.add("mc_std", draws.std, "Standard deviation of the draws of P_D.")
+def add_draws(
+    table: Table, draws: DrawStatistics, k: float, what: str = "P_D", before: str = ""
+) -> None:
+    """Add the columns of the draws of P_D, or of what else they are of."""
+    table.add(f"{before}mc_mean", draws.mean, f"Mean of the draws of {what}.")
+    table.add(f"{before}mc_std", draws.std, f"Standard deviation of the draws of {what}.")
     for end, values, sign in (("lower", draws.lower, -1), ("upper", draws.upper, 1)):
         about = f"{sign * k:+g} sigma of a normal distribution"
-        meaning = f"Quantile of the draws at {ndtr(sign * k):.5f}, as {about}."
-        table.add(f"mc_{end}", values, meaning)
+        meaning = f"Quantile of the draws of {what} at {ndtr(sign * k):.5f}, as {about}."
+        table.add(f"{before}mc_{end}", values, meaning)
 
 
 def rows(named: Iterable[tuple[str, str]]) -> list[str]:

@@ -23,7 +23,8 @@ def turned_wrongly(scenario: Scenario) -> NDArray[np.bool_]:
     """
     if scenario.origin is None:
         return np.zeros(len(scenario.aircraft), dtype=bool)
-    tilt = np.arccos(np.clip(turn_from_level(scenario)[:, 2, 2], -1.0, 1.0))
+    turn = geodesy.turn_from_level(scenario.aircraft[:, POSITION], scenario.origin)
+    tilt = np.arccos(np.clip(turn[:, 2, 2], -1.0, 1.0))
     variance = largest_variance(scenario.cov_aircraft.reshape(-1, 6, 6), ATTITUDE)
     return np.asarray(0.5 * tilt * BETA**2 * variance > LEAST_TURN)
 
@@ -38,7 +39,7 @@ def attitude_off(scenario: Scenario) -> FloatArray:
         return off
     scenario = scenario.at_poses(rows)
     position, attitude = scenario.aircraft[:, POSITION], scenario.aircraft[:, ATTITUDE]
-    turn = turn_from_level(scenario)
+    turn = geodesy.turn_from_level(position, np.array(scenario.origin))
     level = geodesy.turned_attitude(attitude, np.swapaxes(turn, -1, -2))
     to_level = geodesy.turned_attitude_jacobian(attitude, level)
     root = square_root(scenario.cov_aircraft.reshape(-1, 6, 6)[:, ATTITUDE, ATTITUDE])
@@ -51,10 +52,3 @@ def attitude_off(scenario: Scenario) -> FloatArray:
             )
             off[rows] = np.fmax(off[rows], abs(exact - first_order))
     return off
-
-
-def turn_from_level(scenario: Scenario) -> FloatArray:
-    """Return the matrices (n, 3, 3) from level at the aircraft to the frame of the origin."""
-    origin = np.array(scenario.origin)
-    place = geodesy.geodetic_from_ned(scenario.aircraft[:, POSITION], origin)
-    return geodesy.turn_to_origin(place, origin)

@@ -178,19 +178,17 @@ def decide(
 
 
 @dataclass(frozen=True, eq=False)
-class PathTest:
+class PathTest(ThresholdTest):
     """A threshold test of a scenario, at the poses of its refined path.
 
     Attributes:
         path: The scenario of the poses tested (n,), and which poses are rows of the path.
-        test: The test.
         decision: What draws say.
         by_draws: Where the bound is by draws (n,).
         far: Where the origin is too far for errors of the attitude (n,): there is no answer.
     """
 
     path: refinement.Refined
-    test: ThresholdTest
     decision: Decision
     by_draws: NDArray[np.bool_]
     far: NDArray[np.bool_]
@@ -198,16 +196,15 @@ class PathTest:
     @property
     def band(self) -> Band:
         """The band of P_D (n,), with the bound that is tested."""
-        band, bound = self.path.band, self.test.bound
-        if self.test.requirement.at_least:
-            return replace(band, lower=bound)
-        return replace(band, upper=bound)
+        if self.requirement.at_least:
+            return replace(self.path.band, lower=self.bound)
+        return replace(self.path.band, upper=self.bound)
 
     @property
     def worst(self) -> int:
         """A pose without a bound, or with the least margin; of several the least of P_D itself."""
-        margin = np.nan_to_num(np.round(self.test.margin, ALIKE), nan=-np.inf)
-        return int(np.lexsort((self.test.requirement.margin(self.path.band.p_d), margin))[0])
+        margin = np.nan_to_num(np.round(self.margin, ALIKE), nan=-np.inf)
+        return int(np.lexsort((self.requirement.margin(self.path.band.p_d), margin))[0])
 
 
 def path_test(scenario: Scenario, method: str, requirement: Requirement, band: Band) -> PathTest:
@@ -240,5 +237,5 @@ def path_test(scenario: Scenario, method: str, requirement: Requirement, band: B
     far = attitude_off(path.scenario) > BOUND_CHANGE
     violated, unknown = (violated & ~far) | certain, unknown | far | (not path.resolved)
     place = path.scenario.geometry.coordinate
-    test = ThresholdTest(requirement, bound, violated, unknown & ~violated, place)
-    return PathTest(path, test, decision, by_draws, far)
+    tested = requirement, bound, violated, unknown & ~violated, place
+    return PathTest(*tested, path, decision, by_draws, far)

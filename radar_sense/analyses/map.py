@@ -127,7 +127,8 @@ def coverage_map(
     """
     no_draws(scenario.method)
     # draws would take too long in every cell: they check some of the cells
-    method = "form" if scenario.method == AUTOMATIC else scenario.method
+    scenario = scenario.with_analysis(method="form" if scenario.method == AUTOMATIC else None)
+    method = scenario.method
     if worst_heading and upper:
         raise InputError("'worst_heading' and 'upper' exclude each other; give one of them")
     if worst_heading and course_deg is not None:
@@ -136,7 +137,7 @@ def coverage_map(
         raise InputError("'k' needs 'upper'")
     if not len(p_d):
         raise InputError("'p_d' must have the P_D of one contour line or more")
-    k, contours, result = k or 3.0, sorted(set(p_d)), Result(scenario, method)
+    k, contours, result = k or 3.0, sorted(set(p_d)), Result(scenario)
     add, column = result.table.add, f"upper_{k:.12g}sigma" if upper else "p_d"
 
     def planes(cells: Grid) -> dict[str, Plane]:
@@ -313,7 +314,7 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
         plotting.add_small_print(figure, "red: no value")
     low, high = np.nanmin(values, initial=1), np.nanmax(values, initial=0)
     k = result.summary.get("k", 3.0)
-    name = rf"Upper ${k:g}\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
+    name = rf"Upper ${k:g}\,\sigma$ bound of $P_D$ ({scenario.level}, {scenario.method})"
     of_headings = "Largest $P_D$ over all headings"
     bar = figure.colorbar(
         image,

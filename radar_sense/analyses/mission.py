@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr
 
 from radar_sense import options, plotting, words
 from radar_sense.axis import Axis
@@ -125,7 +124,7 @@ def mission(
     drawn, clipped = ([], 0) if runs is None else draw_missions(looks, window, k=k, workers=workers)
     network, *radars = missions = _missions(looks, recombined, drawn)
 
-    result = Result(scenario, "montecarlo")
+    result = Result(scenario)
     words.add_axis(result.table, axis)
     for one in missions:
         _add_columns(result.table, one, k)
@@ -233,13 +232,7 @@ def _add_columns(table: Table, one: Mission, k: float) -> None:
             meaning = f"{of}{side.capitalize()} {k:g}-sigma bound of {this}."
             table.add(f"{before}{side}_{k:.12g}sigma{end}", bound, meaning)
         if draws := one.drawn.get(event):
-            for name, values, meaning in (
-                ("mean", draws.mean, "Mean of the draws"),
-                ("std", draws.std, "Standard deviation of the draws"),
-                ("lower", draws.lower, f"Quantile {ndtr(-k):.5f} of the draws"),
-                ("upper", draws.upper, f"Quantile {ndtr(k):.5f} of the draws"),
-            ):
-                table.add(f"{before}mc_{name}", values, f"{meaning} of {this}.")
+            words.add_draws(table, draws, k, this, before)
         table.add(f"mean_{event.stem}{end}", found.mean, f"{of}Mean of {this} over the errors.")
 
 
@@ -308,7 +301,8 @@ def _answer(name: str, found: Cumulative, level: str, axis: Axis, k: float) -> l
 def _describe_looks(looks: Looks) -> str:
     """Return the number of looks, their times, and how their pose errors are correlated."""
     axis, tau = looks.scenario.axis, looks.scenario.correlation_s
-    periods = words.listed([f"{period:g}" for period in sorted(looks.schedule.period)], "or")
+    periods = {r.scan_period for r in looks.scenario.radars if r.scan_period}
+    every = words.listed([f"{p:g}" for p in sorted(periods)], "or")
     errors = (
         "independent from look to look"
         if tau == 0
@@ -321,7 +315,7 @@ def _describe_looks(looks: Looks) -> str:
         count = int(np.count_nonzero(looks.schedule.looks))
         number = f"{counted(count, 'look')} at {counted(len(axis), 'time')}"
     first, last = axis.number(axis.values[0]), axis.at(-1)
-    return f"{number}, {first} to {last}, every {periods} s; pose errors {errors}"
+    return f"{number}, {first} to {last}, every {every} s; pose errors {errors}"
 
 
 def _add_differences(

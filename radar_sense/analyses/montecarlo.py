@@ -76,7 +76,7 @@ def montecarlo(
 
 def _add_coverage(result: Result, mc: MonteCarlo) -> None:
     """Add the share of the draws in the band, beside the expected share."""
-    axis, banded, method = result.scenario.axis, mc.has_band, result.method
+    axis, banded, method = result.scenario.axis, mc.has_band, result.scenario.method
     without = int(np.count_nonzero(~banded))
     pose = int(np.argmin(np.where(banded, mc.coverage, np.inf)))
     overall = float(mc.coverage[banded].mean()) if banded.any() else float("nan")

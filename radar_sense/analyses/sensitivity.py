@@ -8,7 +8,7 @@ from functools import partial
 from radar_sense import options, plotting, words
 from radar_sense.axis import Axis
 from radar_sense.command import Figure, Result, command
-from radar_sense.propagation import distribution, mean_and_std, std_off_in_scenario
+from radar_sense.propagation import distribution, std_off_in_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray
 
@@ -64,7 +64,8 @@ def sensitivity(scenario: Scenario) -> Result:
 
 
 def _spread(scenario: Scenario) -> tuple[Scenario, FloatArray, FloatArray]:
-    return scenario, *mean_and_std(distribution(scenario, scenario.method))
+    found = distribution(scenario, scenario.method)
+    return scenario, found.mean, found.std
 
 
 def _draw(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray]) -> None:

@@ -122,7 +122,7 @@ def sweep(
             foresee(what, rest * RATE, less="fewer values")
     p_d, lower, upper, bounds, three_sigma = np.array(extremes).T
     if tests:  # also between the rows of a path
-        bounds = np.array([tested.test.bound[tested.worst] for tested in tests])
+        bounds = np.array([tested.bound[tested.worst] for tested in tests])
 
     # the column of an entry of a list ends with the number of the entry, and not with the unit
     add = result.table.add
@@ -151,11 +151,11 @@ def sweep(
 
 def _add_tests(result: Result, axis: Axis, tests: list[PathTest]) -> list[str]:
     """Add the verdicts, and return the lines of the values: P_D at the worst pose, and verdict."""
-    required, values = tests[0].test.requirement, axis.values
-    verdicts = np.array([tested.test.verdict for tested in tests])
+    required, values = tests[0].requirement, axis.values
+    verdicts = np.array([tested.verdict for tested in tests])
     holds, violated = verdicts == "holds", verdicts == "violated"
     unknown = ~holds & ~violated
-    margin = np.array([tested.test.margin[tested.worst] for tested in tests])
+    margin = np.array([tested.margin[tested.worst] for tested in tests])
     highest = np.array([tested.decision.runs.probability.max() for tested in tests])
     add = result.table.add
     add("margin", margin, "How far the bound is within the limit.")
@@ -182,7 +182,7 @@ def _add_tests(result: Result, axis: Axis, tests: list[PathTest]) -> list[str]:
         if not tested.path.resolved:
             chance = refinement.unresolved()
         worst = tested.path.scenario.axis.at(tested.worst)
-        lines.append(f"{worst_band(tested)} at {worst}, {chance}  {tested.test.verdict}")
+        lines.append(f"{worst_band(tested)} at {worst}, {chance}  {tested.verdict}")
     return lines
 
 

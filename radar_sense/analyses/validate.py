@@ -97,7 +97,7 @@ def _report(
     result: Result, verdict: Verdict, plain: MonteCarlo, digits: int, ratio: FloatArray
 ) -> list[str]:
     """Return the answer, the poses without one, and the worst difference over its tolerance."""
-    axis, method = result.scenario.axis, result.method
+    axis, method = result.scenario.axis, result.scenario.method
     without = np.isnan(verdict.values).any(axis=0)
     agree = np.count_nonzero(verdict.agrees)
     to = f"{counted(digits, 'significant digit')} of sigma"

@@ -182,8 +182,8 @@ def _draw(
     label = rf"band of ${k:.4g}\,\sigma$ ({scenario.level})"
     plotting.draw_band(axes, x, band.lower, band.upper, label)
     if tested is not None:
-        draw_limit(axes, tested.test.requirement, ":")
-        plotting.draw_shade(axes, tested.test.violated, x, label="violated")
+        draw_limit(axes, tested.requirement, ":")
+        plotting.draw_shade(axes, tested.violated, x, label="violated")
     axes.set_ylabel(r"Probability of detection $P_D$")
     for snr_axes in others:
         snr = words.decibels(scenario.model.snr(scenario.aircraft, scenario.radar))

@@ -82,20 +82,20 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
     The band has bounds at Φ(±k). The result passes if the test holds at every pose, and on a path
     also between the poses. The test at all of these is returned.
     """
-    tested = path_test(result.scenario, result.method, required, band)
-    rows, test, where = tested.path.rows, tested.test, side(required)
+    tested = path_test(result.scenario, result.scenario.method, required, band)
+    rows, where = tested.path.rows, side(required)
     end, limit = ("lower", "P_MIN") if required.at_least else ("upper", "P_MAX")
     column, add = f"{end}_{required.k:.12g}sigma", result.table.add
-    add(column, test.bound[rows], f"{end.capitalize()} bound of P_D at {required.k:g} sigma.")
-    add("margin", test.margin[rows], f"How far the {end} bound of P_D is within {limit}.")
-    violated, unknown = test.violated[rows].astype(float), test.unknown[rows].astype(float)
+    add(column, tested.bound[rows], f"{end.capitalize()} bound of P_D at {required.k:g} sigma.")
+    add("margin", tested.margin[rows], f"How far the {end} bound of P_D is within {limit}.")
+    violated, unknown = tested.violated[rows].astype(float), tested.unknown[rows].astype(float)
     add("violated", violated, "1 where the test is violated, else 0.")
     add("not_known", unknown, "1 where the test has no answer, else 0.")
     meaning = f"Share of the runs of the path with P_D {where} {limit}."
     add(f"probability_{where}", tested.decision.runs.probability[rows], meaning)
     result.summary["threshold"] = _summary(tested, column)
     result.report[:0] = _report(tested)
-    result.passed = test.passed
+    result.passed = tested.passed
     return tested
 
 
@@ -105,8 +105,8 @@ def _unit(scenario: Scenario) -> str:
 
 
 def _summary(tested: PathTest, column: str) -> dict[str, Any]:
-    required, where = tested.test.requirement, side(tested.test.requirement)
-    test, axis, runs = tested.test, tested.path.scenario.axis, tested.decision.runs
+    required, where = tested.requirement, side(tested.requirement)
+    axis, runs = tested.path.scenario.axis, tested.decision.runs
     unit = _unit(tested.path.scenario)
     highest = int(np.argmax(runs.counts))
 
@@ -116,23 +116,23 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     summary: dict[str, Any] = {
         **required.numbers,
         "bound": column,
-        "verdict": test.verdict,
-        "passed": test.passed,
+        "verdict": tested.verdict,
+        "passed": tested.passed,
         "poses": len(axis),
         "poses_between_rows": tested.path.added,
         "tolerance_between_poses": tested.path.tolerance,
         "resolved": tested.path.resolved,
-        "poses_violated": int(np.count_nonzero(test.violated)),
-        "poses_not_known": int(np.count_nonzero(test.unknown)),
-        "poses_without_bound": int(np.count_nonzero(np.isnan(test.margin))),
+        "poses_violated": int(np.count_nonzero(tested.violated)),
+        "poses_not_known": int(np.count_nonzero(tested.unknown)),
+        "poses_without_bound": int(np.count_nonzero(np.isnan(tested.margin))),
         "poses_decided_by_draws": int(np.count_nonzero(tested.by_draws)),
         "probability_of_false_holds": 2.0 * CHANCE,
         f"p_d_itself_{where}": bool(np.any(required.margin(tested.path.band.p_d) < 0)),
-        f"{where}_{unit}": test.beyond,
-        f"total_{unit}": test.total,
-        f"share_{where}": _share(test),
-        "first_violation": None if test.first is None else place(test.first),
-        "worst_margin": {"value": float(test.margin[tested.worst]), **place(tested.worst)},
+        f"{where}_{unit}": tested.beyond,
+        f"total_{unit}": tested.total,
+        f"share_{where}": _share(tested),
+        "first_violation": None if tested.first is None else place(tested.first),
+        "worst_margin": {"value": float(tested.margin[tested.worst]), **place(tested.worst)},
         f"highest_probability_{where}": {
             "value": float(runs.probability[highest]),
             "standard_error": runs.error(int(runs.counts[highest])),
@@ -155,42 +155,42 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     return summary
 
 
-def _share(test: ThresholdTest) -> float:
-    return test.beyond / test.total if test.total > 0 else float(not test.passed)
+def _share(tested: ThresholdTest) -> float:
+    return tested.beyond / tested.total if tested.total > 0 else float(not tested.passed)
 
 
 def _report(tested: PathTest) -> list[str]:
-    test, scenario, required = tested.test, tested.path.scenario, tested.test.requirement
+    scenario, required = tested.path.scenario, tested.requirement
     axis = scenario.axis
     lines = [f"{_verdict(tested)}: {condition(required)}"]
-    if test.violated.any() and test.unknown.any():
-        lines += [f"not known {words.describe_poses(test.unknown, axis)}"]
-    if test.unknown.any() or not tested.path.resolved:
+    if tested.violated.any() and tested.unknown.any():
+        lines += [f"not known {words.describe_poses(tested.unknown, axis)}"]
+    if tested.unknown.any() or not tested.path.resolved:
         lines += [_remedy(tested)]
-    known = np.isfinite(test.margin[tested.worst])
+    known = np.isfinite(tested.margin[tested.worst])
     if known:
         lines += [f"at the worst pose, {axis.at(tested.worst)}: {worst_band(tested)}"]
-    if known and test.total > 0 and np.isfinite(test.first_beyond) and tested.path.resolved:
-        first = float(np.interp(test.first_beyond, np.arange(len(axis)), axis.values))
-        first = round(first, DIGITS - math.ceil(math.log10(test.total)))
-        beyond = float(f"{test.beyond:.3g}")
+    if known and tested.total > 0 and np.isfinite(tested.first_beyond) and tested.path.resolved:
+        first = float(np.interp(tested.first_beyond, np.arange(len(axis)), axis.values))
+        first = round(first, DIGITS - math.ceil(math.log10(tested.total)))
+        beyond = float(f"{tested.beyond:.3g}")
         lines += [
             f"the bound is {side(required)} {required.limit:g} for about {beyond:g} of "
-            f"{test.total:.6g} {_unit(scenario)} ({_share(test):.1%}), "
+            f"{tested.total:.6g} {_unit(scenario)} ({_share(tested):.1%}), "
             f"first at {axis.format(first)}"
         ]
     lines += _probability_lines(tested)
-    if test.violated.any():
+    if tested.violated.any():
         lines += [_why(tested)]
     return [*lines, *_trust(tested)]
 
 
 def _verdict(tested: PathTest) -> str:
-    test, axis = tested.test, tested.path.scenario.axis
-    if test.violated.any():
-        return f"VIOLATED {_beyond(test.violated, test.margin, axis)}"
-    if test.unknown.any():
-        return f"NOT KNOWN {words.describe_poses(test.unknown, axis)}"
+    axis = tested.path.scenario.axis
+    if tested.violated.any():
+        return f"VIOLATED {_beyond(tested.violated, tested.margin, axis)}"
+    if tested.unknown.any():
+        return f"NOT KNOWN {words.describe_poses(tested.unknown, axis)}"
     return "holds at every pose" + (" and between them" if tested.path.added else "")
 
 
@@ -218,7 +218,7 @@ def _beyond(mask: NDArray[np.bool_], margin: FloatArray, axis: Axis) -> str:
 
 def worst_band(tested: PathTest) -> str:
     """Return P_D and its band at the worst pose; no numbers without a bound."""
-    pose, band, k = tested.worst, tested.band, tested.test.requirement.k
+    pose, band, k = tested.worst, tested.band, tested.requirement.k
     return words.describe_band(band.p_d[pose], band.lower[pose], band.upper[pose], k)
 
 
@@ -239,7 +239,7 @@ def _remedy(tested: PathTest) -> str:
 
 def _why(tested: PathTest) -> str:
     """Return whether P_D itself is beyond the limit, or only its bound."""
-    required, axis, p_d = tested.test.requirement, tested.path.scenario.axis, tested.path.band.p_d
+    required, axis, p_d = tested.requirement, tested.path.scenario.axis, tested.path.band.p_d
     margin, limit = required.margin(p_d), f"{required.limit:g}"
     place = _beyond(margin < 0, margin, axis)
     itself = f"P_D itself is {side(required)} {limit} {place}"
@@ -264,7 +264,7 @@ def _probability_lines(tested: PathTest) -> list[str]:
     axis, runs = tested.path.scenario.axis, tested.decision.runs
     highest = int(np.argmax(runs.counts))
     count = int(runs.counts[highest])
-    limit = beyond_in_words(tested.test.requirement)
+    limit = beyond_in_words(tested.requirement)
     if not count and not runs.anywhere:
         where = "" if tested.path.resolved else ", at the poses tested"
         return [f"{limit}: in none of {runs.runs:,} runs{where}"]
@@ -298,7 +298,7 @@ def _trust(tested: PathTest) -> list[str]:
     """Return how the bounds were computed and checked, and at which poses."""
     scenario, path = tested.path.scenario, tested.path
     line = words.checked(scenario, by_draws=int(tested.by_draws.sum()))
-    if tested.test.passed:
+    if tested.passed:
         line += f'; a false "holds" has a probability of {2 * CHANCE:.1%} at most'
     if not path.added:
         return [line]

@@ -225,8 +225,7 @@ def worst_p_d_in_cells(cells: Grid, *, workers: int = 1) -> list[Plane]:
     def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
         shape, aircraft, turn = aircraft.shape[:-1], aircraft.reshape(-1, len(AIRCRAFT)), None
         if scenario.origin is not None:
-            place = geodesy.geodetic_from_ned(aircraft[:, POSITION], scenario.origin)
-            turn = geodesy.turn_to_origin(place, scenario.origin)
+            turn = geodesy.turn_from_level(aircraft[:, POSITION], scenario.origin)
 
         def z_at(rows: Rows, heading: FloatArray | float) -> FloatArray:
             states = aircraft[rows]

@@ -197,7 +197,7 @@ def _integrated_std(
 def _along(around: Rays, slant: FloatArray) -> FloatArray:
     """Return the distances (n,) at slant ranges (n,); 0 for 0."""
     ends = np.full(len(slant), NEAREST), np.full(len(slant), FARTHEST)
-    near, far = halved(*ends, lambda d: (around.slant_range(d[:, 0]) < slant)[:, np.newaxis])
+    near, far = halved(*ends, lambda at: around.slant_range(at) < slant)
     return np.where(slant > 0, np.sqrt(near * far), 0.0)
 
 
@@ -285,7 +285,7 @@ def _enclosed(excess: FloatArray, errors: FloatArray, end: FloatArray) -> NDArra
 def _slope(around: Rays, distance: FloatArray) -> FloatArray:
     """Return the slope (n,) of P_D by slant range along each ray [1/m]."""
     ends = [distance * (1.0 + step) for step in (-_STEP, _STEP)]
-    low, high = (around.p_d(end[:, np.newaxis])[:, 0] for end in ends)
+    low, high = (around.p_d(end) for end in ends)
     near, far = (around.slant_range(end) for end in ends)
     # for an aircraft very far above or below, both ends round to one slant range
     undefined = np.full_like(far, np.nan)

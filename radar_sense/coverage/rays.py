@@ -49,7 +49,7 @@ LARGEST_PROBIT = 40.0
 #: `linear`, and by any other method.
 RAY_BY_LINEAR, RAY = 10_000, 80_000
 
-#: Function from distances (n, k) to whether (n, k) the ray reaches the value there.
+#: Function from distances (n,) to whether (n,) the ray reaches the value there.
 Reaches = Callable[[FloatArray], NDArray[np.bool_]]
 
 
@@ -77,20 +77,21 @@ class Rays:
     aspect: FloatArray | None = None
 
     def states(self, distance: FloatArray) -> FloatArray:
-        """Return aircraft states (n, k, 6) at distances (n, k) [m]."""
+        """Return aircraft states (n, ..., 6) at distances (n, ...) [m]."""
         radar, origin = self.scenario.radar, self.scenario.origin
+        of_ray = (slice(None), *[np.newaxis] * (distance.ndim - 1))
         states = np.empty((*distance.shape, len(AIRCRAFT)))
         states[...] = self.pose
-        bearing = self.bearing[:, np.newaxis]
+        bearing = self.bearing[of_ray]
         states[..., 0], states[..., 1] = distance * np.cos(bearing), distance * np.sin(bearing)
-        states[..., YAW] = self.yaw[:, np.newaxis]
+        states[..., YAW] = self.yaw[of_ray]
         if origin is None:
             states[..., :DOWN] += radar[:DOWN]
             return states
         # first in the frame of the radar, whose level plane contains the rays
         place = geodesy.geodetic_from_ned(radar[POSITION], origin)
         states[..., DOWN] += place[2] - origin[2]
-        aspect = None if self.aspect is None else self.aspect[:, np.newaxis]
+        aspect = None if self.aspect is None else self.aspect[of_ray]
         put_at_height(states, (place[0], place[1], place[2]), aspect)
         turn = geodesy.turn_to_origin(place, origin)
         states[..., POSITION] = states[..., POSITION] @ turn.T + radar[POSITION]
@@ -98,17 +99,17 @@ class Rays:
         return states
 
     def at(self, distance: FloatArray, *, limits: bool = False) -> Scenario:
-        """Return the scenario with the poses at distances (n,) or (n, k), all in one row.
+        """Return the scenario with the poses at distances (n, ...), one pose after the other.
 
         It is without the limits of the radar, or with those, which errors may cross.
         """
         scenario = self.limited if limits else self.scenario
-        return scenario.at_states(self.states(distance.reshape(len(self.bearing), -1)))
+        return scenario.at_states(self.states(distance))
 
     def slant_range(self, distance: FloatArray) -> FloatArray:
         """Return the slant ranges (n,) [m] at distances (n,) [m]; 0 for 0, and NaN for NaN."""
         exists = np.nan_to_num(distance) > 0
-        states = self.states(np.where(exists, distance, NEAREST)[:, np.newaxis])[:, 0]
+        states = self.states(np.where(exists, distance, NEAREST))
         return np.where(exists, slant_range(states, self.scenario.radar), distance)
 
     def part(self, rays: slice | NDArray[np.intp]) -> Rays:
@@ -119,12 +120,12 @@ class Rays:
         )
 
     def p_d(self, distance: FloatArray, *, limits: bool = False) -> FloatArray:
-        """Return P_D (n, k) at distances (n, k), without the limits of the radar or with them."""
+        """Return P_D (n, ...) at distances (n, ...), without limits of the radar or with them."""
         model = (self.limited if limits else self.scenario).model
         return model.p_d(self.states(distance), self.scenario.radar)
 
     def visible(self, distance: FloatArray) -> NDArray[np.bool_]:
-        """Return where (n, k) distances (n, k) are within the limits of the radar."""
+        """Return where (n, ...) distances (n, ...) are within the limits of the radar."""
         return self.limited.model.visible(self.states(distance), self.scenario.radar)[..., 0]
 
     def quantile(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
@@ -212,12 +213,11 @@ class Survey:
         # what is visible may lie between two samples, and ends at the edge of P_D or of visibility
         for edge in (self.reach(p_d, limits=False).distance, self.limit) if limits else ():
             within = edge * INSIDE
-            there = reaches(np.maximum(within, NEAREST)[:, np.newaxis])[:, 0]
-            farther = there & (within > distance)
+            farther = reaches(np.maximum(within, NEAREST)) & (within > distance)
             distance = np.where(farther, within, distance)
             far = np.where(farther, edge / INSIDE, far)
         # P_D at or above the value beyond the edge means that a limit made the edge.
-        beyond = rays.p_d(np.maximum(far, NEAREST)[:, np.newaxis])[:, 0] >= p_d
+        beyond = rays.p_d(np.maximum(far, NEAREST)) >= p_d
         limited = beyond & (distance > 0) & (distance < END)
         edges = np.count_nonzero(np.diff(self.p_d >= p_d, axis=1), axis=1)
         return Reach(distance, limited, edges)
@@ -260,11 +260,8 @@ def _samples(all_rays: Rays) -> FloatArray:
         distance = np.sort(np.append(distance, middle))
     if radar.min_range > 0 and radar.max_range < FARTHEST:
         between = math.sqrt(radar.min_range * radar.max_range)
-
-        def nearer(at: FloatArray) -> NDArray[np.bool_]:
-            return first.slant_range(at[:, 0])[:, np.newaxis] < between
-
-        near, far = halved(distance[:1], distance[-1:], nearer)
+        ends = distance[:1], distance[-1:]
+        near, far = halved(*ends, lambda at: first.slant_range(at) < between)
         distance = np.union1d(distance, np.sqrt(near * far))
     return distance
 
@@ -281,8 +278,8 @@ def reach_of_quantile(seen: Survey, value: float, method: str, beta: float) -> F
     """
     above = quantile_above(value, method, beta)
     found = reach_of_bound(seen, *first_guess(seen, value, beta), seen.limit, above)
-    inside = np.where(found > 0, found * INSIDE, NEAREST)[:, np.newaxis]
-    found[(found > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0.0
+    inside = np.where(found > 0, found * INSIDE, NEAREST)
+    found[(found > 0) & ~seen.all_rays.visible(inside)] = 0.0
     return found
 
 
@@ -395,7 +392,7 @@ def _farthest(
     Args:
         inside: Whether (n, k) the samples are inside.
         distance: Distance of the samples (k,).
-        reaches: Returns whether distances (n, 1) are inside.
+        reaches: Returns whether distances (n,) are inside.
     """
     count = inside.shape[1]
     last = count - 1 - np.argmax(inside[:, ::-1], axis=1)
@@ -409,7 +406,7 @@ def halved(near: FloatArray, far: FloatArray, reaches: Reaches) -> tuple[FloatAr
     """Return brackets (n,) of the distance, from near (n,) to far (n,), that a ray reaches."""
     for _ in range(HALVINGS):
         middle = np.sqrt(near * far)  # halves the bracket of the logarithm
-        still = reaches(middle[:, np.newaxis])[:, 0]
+        still = reaches(middle)
         near, far = np.where(still, middle, near), np.where(still, far, middle)
     return near, far
 
@@ -418,6 +415,5 @@ def _bearing(scenario: Scenario) -> float:
     """Return the bearing [rad] of the first pose from the radar, in the radar's level plane."""
     line = scenario.aircraft[0, POSITION] - scenario.radar[POSITION]
     if scenario.origin is not None:
-        place = geodesy.geodetic_from_ned(scenario.radar[POSITION], scenario.origin)
-        line = line @ geodesy.turn_to_origin(place, scenario.origin)
+        line = line @ geodesy.turn_from_level(scenario.radar[POSITION], scenario.origin)
     return math.atan2(line[1], line[0])

@@ -25,20 +25,17 @@ class Schedule:
 
     Attributes:
         time: Times with a look (K,) [s], increasing.
-        period: Scan period of each group [s].
         radars: The radars of each group, as places in the network.
         looks: Whether each group looks at each time (K, g).
     """
 
     time: FloatArray
-    period: tuple[float, ...]
     radars: tuple[tuple[int, ...], ...]
     looks: NDArray[np.bool_]
 
     def of_radar(self, radar: int) -> Schedule:
         """Return the looks of one radar by itself, at the same K times."""
-        group = self.group_of(radar)
-        return Schedule(self.time, (self.period[group],), ((0,),), self.looks[:, [group]])
+        return Schedule(self.time, ((0,),), self.looks[:, [self.group_of(radar)]])
 
     def group_of(self, radar: int) -> int:
         """Return the scan group of a radar."""
@@ -70,7 +67,7 @@ def schedule_looks(model: NetworkModel, time_s: FloatArray) -> Schedule:
         tuple(i for i, p in enumerate(period_by_radar.values()) if p == one) for one in periods
     )
     time, looks = _together([even_times(time_s, p, "radar.scan_period_s") for p in periods])
-    return Schedule(time, periods, radars_of, looks)
+    return Schedule(time, radars_of, looks)
 
 
 def _together(times_of_groups: Sequence[FloatArray]) -> tuple[FloatArray, NDArray[np.bool_]]:

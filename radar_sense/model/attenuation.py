@@ -8,14 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from radar_sense.limits import NOT_NEGATIVE, Limit, check_parameters, declared
+from radar_sense.limits import NOT_NEGATIVE, Checked, Limit, declared
 from radar_sense.model.geometry import Vector, range_squared
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS
 from radar_sense.states import FloatArray
 
 
 @dataclass(frozen=True)
-class Attenuation:
+class Attenuation(Checked):
     """A constant attenuation, which multiplies the signal by 10^(−2αR/10).
 
     α is log-normal, with the value here as its median: the error is of ln α.
@@ -29,9 +29,6 @@ class Attenuation:
     parameter: ClassVar = "attenuation"
     std_limit: ClassVar = Limit(at_least=0, at_most=1)
     detail: ClassVar = math.inf
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
     def nepers(self, line: Vector, error: FloatArray) -> FloatArray:
         """Return ln of the factor (...) of the signal along d, with an error of ln α."""

@@ -155,13 +155,11 @@ class DetectionModel:
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return the signal-to-noise ratio (...) at each pose, a ratio of powers."""
-        aircraft, radar = checked_states(aircraft, radar)
-        return self.unchecked_snr(aircraft, radar)
+        return self.unchecked_snr(*checked_states(aircraft, radar))
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return P_D (...) at each pose."""
-        aircraft, radar = checked_states(aircraft, radar)
-        return self.unchecked_p_d(aircraft, radar)
+        return self.unchecked_p_d(*checked_states(aircraft, radar))
 
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
         """Return P_D and its partials by all ten states."""
@@ -176,8 +174,7 @@ class DetectionModel:
 
         z is far closer to linear in the states than P_D.
         """
-        aircraft, radar = checked_states(aircraft, radar)
-        return self.unchecked_probit(aircraft, radar)
+        return self.unchecked_probit(*checked_states(aircraft, radar))
 
     def unchecked_snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         """Return `snr` of states that have been checked."""

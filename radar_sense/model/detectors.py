@@ -23,10 +23,10 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri, ndtri_exp
+from scipy.special import betaincinv, ndtr, ndtri, ndtri_exp
 
 from radar_sense.errors import InputError, check_has, check_pair
-from radar_sense.limits import Limit, check_number, check_parameters, parameter
+from radar_sense.limits import Checked, Limit, check_number, parameter
 from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tails
 from radar_sense.model.normal import density, hazard
 from radar_sense.model.probit_table import ProbitTable
@@ -118,7 +118,7 @@ class North:
 
 
 @dataclass(frozen=True)
-class CellAveraging:
+class CellAveraging(Checked):
     """A threshold proportional to the mean of the noise in reference cells."""
 
     cells: int = parameter(
@@ -127,12 +127,9 @@ class CellAveraging:
         _CELLS,
     )
 
-    def __post_init__(self) -> None:
-        check_parameters(self)
-
 
 @dataclass(frozen=True)
-class OrderedStatistics:
+class OrderedStatistics(Checked):
     """A threshold proportional to one of the sorted reference cells.
 
     P_D = Π_{i<k} (M − i)/(M − i + α/(1 + S)) for an exponential target, and P_fa is P_D at S = 0
@@ -143,7 +140,7 @@ class OrderedStatistics:
     rank: int = parameter("rank", "Rank k of the cell, 1 for the one with the least noise.", _CELLS)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         if self.rank > self.cells:
             raise InputError(f"rank must be at most {self.cells}, the cells; got {self.rank}")
 
@@ -156,7 +153,7 @@ CFARS: Mapping[str, type[CellAveraging] | type[OrderedStatistics]] = {
 
 
 @dataclass(frozen=True)
-class BinaryIntegration:
+class BinaryIntegration(Checked):
     """A detection where m of n looks are above the threshold; the n looks are one look.
 
     P_fa belongs to the n looks together.
@@ -166,13 +163,13 @@ class BinaryIntegration:
     n: int = parameter("n", "Looks, each with the sum of `pulses` pulses.", _LOOKS)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         if self.m > self.n:
             raise InputError(f"m must be at most {self.n}, the n looks; got {self.m}")
 
 
 @dataclass(frozen=True)
-class PulseDetector:
+class PulseDetector(Checked):
     """A detector of N pulses, with a fixed threshold or CFAR."""
 
     pulses: int = parameter(
@@ -191,7 +188,7 @@ class PulseDetector:
     slow: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         if self.binary and self.slow:
             raise InputError(
                 "binary needs pulses that fluctuate independently, or not at all: it is for "
@@ -213,10 +210,10 @@ class PulseDetector:
 
     def tails(self, p_fa: float) -> Tails:
         """Return the exact tails of P_D; a threshold more than 30 dB above noise is refused."""
-        if self.binary is not None:
-            m, n = self.binary.m, self.binary.n
-            return MOfN.of(m, n, p_fa, self._look)
-        return self._look(p_fa)
+        if self.binary is None:
+            return self._look(p_fa)
+        m, n = self.binary.m, self.binary.n
+        return MOfN(m, n, self._look(float(betaincinv(m, n - m + 1, p_fa))))
 
     def _look(self, p_fa: float) -> Tails:
         if isinstance(self.cfar, OrderedStatistics):

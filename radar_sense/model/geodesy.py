@@ -142,6 +142,11 @@ def turn_to_origin(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
     return turn
 
 
+def turn_from_level(ned: ArrayLike, origin: ArrayLike) -> FloatArray:
+    """Return the matrix (..., 3, 3) from level at a north-east-down position to its frame."""
+    return turn_to_origin(geodetic_from_ned(ned, origin), origin)
+
+
 def turned_attitude(attitude: ArrayLike, turn: FloatArray) -> FloatArray:
     """Return an attitude relative to a new north-east-down frame.
 

@@ -26,14 +26,13 @@ where a Poisson count is the limit K → ∞.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betainc, betainccinv, betaincinv, comb, gammainc, gammainccinv, gammaln
+from scipy.special import betainc, betainccinv, comb, gammainc, gammainccinv, gammaln
 
 from radar_sense.errors import InputError
 from radar_sense.states import BLOCK, FloatArray, slices
@@ -284,11 +283,6 @@ class MOfN:
     m: int
     n: int
     look: Tails
-
-    @classmethod
-    def of(cls, m: int, n: int, p_fa: float, look: Callable[[float], Tails]) -> MOfN:
-        """Return the detection with looks, made from their P_fa, that make the P_fa of m of n."""
-        return cls(m, n, look(float(betaincinv(m, n - m + 1, p_fa))))
 
     def tail(self, snr: FloatArray) -> Tail:
         """Return the lesser tail of P_D (n,) at mean signal-to-noise ratios (n,) of a pulse.

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from scipy.constants import Boltzmann, speed_of_light
 
 from radar_sense.errors import InputError
-from radar_sense.limits import POSITIVE, Limit, check_number, check_parameters
+from radar_sense.limits import POSITIVE, Checked, Limit, check_number
 from radar_sense.states import FloatArray
 
 #: ln of a ratio of powers of 1 dB.
@@ -84,8 +84,19 @@ def _factor(
     return field(default=default, metadata={**of_c_r, "kind": limit, "units": units})
 
 
+class _Parameters(Checked):
+    """The parameters of a radar constant, declared with `_factor`, and losses by name."""
+
+    losses_db: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, loss in self.losses_db.items():
+            check_number(f"{LOSSES_KEY}.{name}", loss, LOSSES)
+
+
 @dataclass(frozen=True)
-class SurveillanceRadar:
+class SurveillanceRadar(_Parameters):
     """A radar that searches a volume, by the parameters of its radar constant.
 
     All the energy of one scan on the target counts as a single pulse in the signal-to-noise ratio.
@@ -113,26 +124,17 @@ class SurveillanceRadar:
     losses_db: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
-        _check_losses(self.losses_db)
+        super().__post_init__()
         if self.search_factor not in SEARCH_FACTORS.values():
             raise InputError(f"search_factor must be 16 or 4π, got {self.search_factor}")
 
     def constant(self) -> float:
         """Radar constant c_r [J m²/K], eq. (4) of the paper: P_av A / (16 T_0 L F) · T_sc / Ω."""
-        loss: float = 10.0 ** (
-            (self.loss_db + self.noise_figure_db + sum(self.losses_db.values())) / 10.0
-        )
-        power_aperture = self.average_power * self.aperture
-        return (
-            power_aperture
-            * self.scan_time
-            / (self.search_factor * self.temperature * loss * self.search_volume)
-        )
+        return _product(self) / self.search_factor
 
 
 @dataclass(frozen=True)
-class TrackingRadar:
+class TrackingRadar(_Parameters):
     """A radar that stares at its target with one antenna, by the parameters of its constant.
 
     The signal-to-noise ratio is of a single pulse,
@@ -177,20 +179,9 @@ class TrackingRadar:
     )
     losses_db: Mapping[str, float] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        check_parameters(self)
-        _check_losses(self.losses_db)
-
     def constant(self) -> float:
         """Radar constant c_r [J m²/K]: n P_t G² λ² / ((4π)³ T_0 B F L)."""
-        decibels = 2.0 * self.gain_db - self.loss_db - self.noise_figure_db
-        decibels -= sum(self.losses_db.values())
-        signal = self.peak_power * self.wavelength**2 * 10.0 ** (decibels / 10.0)
-        return float(
-            self.coherent_pulses
-            * signal
-            / ((4.0 * math.pi) ** 3 * self.temperature * self.bandwidth)
-        )
+        return _product(self) / (4.0 * math.pi) ** 3
 
 
 #: The kinds of radar that a scenario can describe by their parameters.
@@ -200,10 +191,15 @@ RADARS: Mapping[str, type[SurveillanceRadar] | type[TrackingRadar]] = {
 }
 
 
-def _check_losses(losses_db: Mapping[str, float]) -> None:
-    """Raise InputError if a loss is outside its limit."""
-    for name, loss in losses_db.items():
-        check_number(f"{LOSSES_KEY}.{name}", loss, LOSSES)
+def _product(radar: Any) -> float:
+    """Return the product of the factors of c_r, as the fields declare them, and of all losses."""
+    product, decibels = 1.0, -sum(radar.losses_db.values())
+    for f in fields(radar):
+        if f.metadata.get("decibels"):
+            decibels += f.metadata["power"] * getattr(radar, f.name)
+        elif "power" in f.metadata:
+            product *= getattr(radar, f.name) ** f.metadata["power"]
+    return float(product * 10.0 ** (decibels / 10.0))
 
 
 def boltzmann_r4(range_squared: FloatArray) -> FloatArray:

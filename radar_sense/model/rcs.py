@@ -26,14 +26,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from radar_sense.errors import InputError, check_has, check_pair, describe
-from radar_sense.limits import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Limit,
-    check_parameters,
-    parameter,
-    plain_number,
-)
+from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Checked, Limit, parameter, plain_number
 from radar_sense.model.geometry import Turn, join, split
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS
 from radar_sense.states import FloatArray, real_array
@@ -157,20 +150,13 @@ def linearize_with_error(
 
 
 @dataclass(frozen=True)
-class ConstantRCS:
+class ConstantRCS(Checked):
     """The same cross section at all aspects."""
 
     isotropic: ClassVar[bool] = True
+    detail: ClassVar[float] = math.inf
 
     rcs: float = parameter("rcs_m2", "Radar cross section σ_r.", POSITIVE)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
-
-    @property
-    def detail(self) -> float:
-        """Infinite: σ_r has no lobe."""
-        return math.inf
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
@@ -182,7 +168,7 @@ class ConstantRCS:
 
 
 @dataclass(frozen=True)
-class EllipsoidRCS:
+class EllipsoidRCS(Checked):
     """The paper's ellipsoid, eq. (13), taken literally.
 
     σ_r = π (abc)² / D² with D = (a sinλ cosφ)² + (b sinλ sinφ)² + (c cosλ)². Nose-on (λ = 0), σ_r
@@ -195,9 +181,6 @@ class EllipsoidRCS:
     a: float = parameter("a_m", "Axis that acts along the wing.", POSITIVE)
     b: float = parameter("b_m", "Axis that acts down.", POSITIVE)
     c: float = parameter("c_m", "Axis that acts along the nose.", POSITIVE)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
     @property
     def detail(self) -> float:
@@ -249,7 +232,7 @@ class EllipsoidRCS:
 
 
 @dataclass(frozen=True)
-class ExactEllipsoidRCS:
+class ExactEllipsoidRCS(Checked):
     """The exact ellipsoid, which the paper's formula approximates near the horizon.
 
     σ_r = π (s_x s_y s_z)² / D² with D = (s_x n_x)² + (s_y n_y)² + (s_z n_z)², for the direction n
@@ -268,9 +251,6 @@ class ExactEllipsoidRCS:
     x: float = parameter("x_m", "Semi-axis along the nose.", POSITIVE)
     y: float = parameter("y_m", "Semi-axis along the wing.", POSITIVE)
     z: float = parameter("z_m", "Semi-axis down.", POSITIVE)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
     @property
     def detail(self) -> float:
@@ -312,7 +292,7 @@ class ExactEllipsoidRCS:
 
 
 @dataclass(frozen=True)
-class SpikeballRCS:
+class SpikeballRCS(Checked):
     """The simple spikeball, σ_r = |A sin(n λ/2)| + σ_min: n lobes around the aircraft.
 
     The slope jumps at the bottom of each lobe. There the gradient of one of the two lobes is
@@ -329,7 +309,7 @@ class SpikeballRCS:
     floor: float = parameter("floor_m2", "Least cross section σ_min.", NOT_NEGATIVE)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         if self.amplitude + self.floor == 0:
             raise InputError("amplitude and floor must not both be 0")
 

@@ -25,7 +25,12 @@ _STEEP = 0.002
 ATTITUDE_COLUMNS = tuple(f"{name}_deg" for name in AIRCRAFT[ATTITUDE])
 
 
-def attitude_from_motion(source: str, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
+def attitude_from_motion(
+    source: str,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    turn: FloatArray | None = None,
+) -> FloatArray:
     """Return the attitude (n, 3) [rad] of coordinated flight without wind or angle of attack.
 
     V_h is the horizontal speed. Yaw is the course χ = atan2(v_e, v_n). Pitch is the climb angle
@@ -41,7 +46,12 @@ def attitude_from_motion(source: str, velocity: FloatArray, acceleration: FloatA
         source: Name of the track in errors.
         velocity: North, east, down (n, 3) [m/s], in the order of time.
         acceleration: North, east, down (n, 3) [m/s²].
+        turn: Matrices (n, 3, 3) from level at the aircraft to the frame of the motion, in which the
+            attitude is returned; None if level is the same everywhere.
     """
+    if turn is not None:
+        motion = (np.einsum("...ij,...i->...j", turn, of) for of in (velocity, acceleration))
+        return geodesy.turned_attitude(attitude_from_motion(source, *motion), turn)
     north, east, down = (velocity[:, i] for i in range(3))
     speed = np.hypot(north, east)
     moves = speed >= HOVER
@@ -98,29 +108,6 @@ def motion_of_samples(time: FloatArray, position: FloatArray) -> tuple[FloatArra
     return velocity, np.concatenate([first[np.newaxis], inner, last[np.newaxis]])
 
 
-def attitude_of_motion(
-    source: str,
-    place: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
-    origin: tuple[float, float, float] | None,
-) -> FloatArray:
-    """Return attitudes (n, 3) [rad] in the frame of the origin, for coordinated flight.
-
-    Args:
-        source: As of `attitude_from_motion`.
-        place: Latitude, longitude [rad] and height [m] (n, 3); not used without an origin.
-        velocity: North, east, down (n, 3) [m/s] in the frame of the origin.
-        acceleration: North, east, down (n, 3) [m/s²] in the frame of the origin.
-        origin: Origin of the frame; None if level is the same everywhere.
-    """
-    if origin is None:
-        return attitude_from_motion(source, velocity, acceleration)
-    turn = geodesy.turn_to_origin(place, origin)
-    motion = (np.einsum("...ij,...i->...j", turn, of) for of in (velocity, acceleration))
-    return geodesy.turned_attitude(attitude_from_motion(source, *motion), turn)
-
-
 def covariance_in_frame(
     covariance: FloatArray, time: FloatArray, aircraft: FloatArray, origin: tuple[float, ...]
 ) -> FloatArray:
@@ -170,9 +157,9 @@ def _jacobians(
     The states are in the frame of the origin, and relative to north, east and down at the aircraft.
     The partials of an attitude without errors are 0.
     """
-    place = geodesy.geodetic_from_ned(aircraft[:, POSITION], origin)
-    for block in slices(len(place)):
-        turn, attitude = geodesy.turn_to_origin(place[block], origin), aircraft[block, ATTITUDE]
+    for block in slices(len(aircraft)):
+        turn = geodesy.turn_from_level(aircraft[block, POSITION], origin)
+        attitude = aircraft[block, ATTITUDE]
         uncertain = np.any(covariance[block, ATTITUDE, ATTITUDE] != 0, axis=(-2, -1))
         steep = uncertain & (np.abs(attitude[:, 1]) > np.pi / 2 - _STEEP)
         if steep.any():

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
-from radar_sense.model.track import HOVER, attitude_of_motion
+from radar_sense.model.track import HOVER, attitude_from_motion
 from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, real_array, slices
 
 if TYPE_CHECKING:
@@ -198,10 +198,9 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
         to_ned = route.turning(time).as_matrix()
         attitude = geodesy.euler_angles(np.swapaxes(to_ned, -1, -2))
     else:
-        place = position
-        if route.origin is not None:
-            place = geodesy.geodetic_from_ned(position, route.origin)
-        attitude = attitude_of_motion("route", place, velocity, acceleration, route.origin)
+        origin = route.origin
+        turn = None if origin is None else geodesy.turn_from_level(position, origin)
+        attitude = attitude_from_motion("route", velocity, acceleration, turn)
     aircraft = np.hstack([position, attitude])[np.searchsorted(time, asked)]
     return Route(asked, aircraft, _covariance(route, asked), route.attitude_given, route.origin)
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from radar_sense.covariance import component_first, draws
+from radar_sense.covariance import draws
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import NEVER
 from radar_sense.states import BLOCK, CONSTANT, RADAR_AND_ERRORS, FloatArray, of_radar, slices
@@ -24,9 +24,9 @@ class Sampler:
 
     def __init__(self, states: UncertainStates, sqrt_cov: FloatArray | None = None) -> None:
         given = states.sqrt_cov_aircraft if sqrt_cov is None else sqrt_cov
-        one_for_all = given.ndim == 3 and len(given) == 1
         self.states = states
-        self.sqrt_cov = component_first(given[0] if one_for_all else given)
+        # each entry contiguous in memory
+        self.sqrt_cov = np.asfortranarray(given[0] if len(given) == 1 else given)
 
     @cached_property
     def _parts(self) -> list[tuple[slice, NetworkModel, list[int]]]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,7 +16,7 @@ from scipy.special import ndtri
 from radar_sense.cost import MOST_BYTES
 from radar_sense.errors import InputError
 from radar_sense.montecarlo.statistics import REPLICATES
-from radar_sense.states import FloatArray
+from radar_sense.states import FloatArray, slices
 from radar_sense.uncertain_states import MAX_NUMBERS
 
 
@@ -54,8 +53,8 @@ def sobol_indices(
 ) -> SobolIndices:
     """Return indices of groups of independent standard normal inputs, NaN where nothing varies.
 
-    The sample is a scrambled Sobol' sequence and the estimators are SciPy's (A. Saltelli et al.,
-    Comput. Phys. Commun. 181, 2010), with a group in place of one input. The outputs are computed
+    The sample is a scrambled Sobol' sequence and the estimators are those of A. Saltelli et al.
+    (Comput. Phys. Commun. 181, 2010), with a group in place of one input. The outputs are computed
     in blocks to limit the memory.
 
     Args:
@@ -81,17 +80,14 @@ def sobol_indices(
             f"{(row_bytes << exponent) / 1e9:,.1f} GB of memory, more than "
             f"{MOST_BYTES / 1e9:g} GB; at most {fit:,} runs fit"
         )
-    # at least 2, because SciPy rounds the mean of a single output differently
-    block = max(2, MAX_NUMBERS // ((len(groups) + 2) << exponent))
-    starts = [*range(0, max(outputs - 1, 1), block)]
-    slices = [slice(*ends) for ends in zip(starts, [*starts[1:], outputs], strict=True)]
+    block = max(1, MAX_NUMBERS // ((len(groups) + 2) << exponent))
     replicates = []
     for stream in np.random.SeedSequence(seed).spawn(REPLICATES):
         points = qmc.Sobol(2 * dimension, rng=np.random.default_rng(stream)).random_base2(exponent)
         # a point of exactly 0 would become an infinite normal
         np.clip(points, 2.0**-60, 1 - 2.0**-53, out=points)
         normals = ndtri(points, out=points)
-        blocks = [_indices(function, groups, normals, part) for part in slices]
+        blocks = [_indices(function, groups, normals, part) for part in slices(outputs, block)]
         replicates.append([np.concatenate(parts, axis=-1) for parts in zip(*blocks, strict=True)])
     of_replicates = [np.stack(values) for values in zip(*replicates, strict=True)]
     mean, variance, first, total = _joined(*of_replicates)
@@ -143,23 +139,15 @@ def _indices(
 
     The parts are the first-order and the total index, each times the variance.
     """
-    from scipy.stats import sobol_indices as estimate
-
     a, b = np.hsplit(normals, 2)
-    values: dict[str, Any] = {"f_A": function(a, outputs), "f_B": function(b, outputs)}
-    values["f_AB"] = np.empty((len(groups), *values["f_A"].shape))
-    for group, mixed_values in zip(groups, values["f_AB"], strict=True):
+    at_a, at_b = function(a, outputs), function(b, outputs)
+    both = np.concatenate([at_a, at_b], axis=1)
+    mean = both.mean(axis=1)
+    first, total = np.empty((2, len(groups), len(mean)))
+    for i, group in enumerate(groups):
         mixed = a.copy()
         mixed[:, list(group)] = b[:, list(group)]
-        mixed_values[:] = function(mixed, outputs)
-    both = np.concatenate([values["f_A"], values["f_B"]], axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):  # an output without variance
-        indices = estimate(func=values, n=len(a))
-    # SciPy has the outputs first, the inputs last
-    first, total = (
-        np.reshape(index, (-1, len(groups))).T
-        for index in (indices.first_order, indices.total_order)
-    )
-    variance = both.var(axis=1)
-    first, total = (np.where(variance > 0, variance * index, 0.0) for index in (first, total))
-    return both.mean(axis=1), variance, first, total
+        change = function(mixed, outputs) - at_a
+        first[i] = np.mean((at_b - mean[:, np.newaxis]) * change, axis=1)
+        total[i] = np.mean(change**2, axis=1) / 2.0
+    return mean, both.var(axis=1), first, total

@@ -9,7 +9,6 @@ from radar_sense.propagation.methods import Band as Band
 from radar_sense.propagation.methods import Moments as Moments
 from radar_sense.propagation.methods import band_of_scenario as band_of_scenario
 from radar_sense.propagation.methods import distribution as distribution
-from radar_sense.propagation.methods import mean_and_std as mean_and_std
 from radar_sense.propagation.methods import no_draws as no_draws
 from radar_sense.propagation.methods import propagate as propagate
 from radar_sense.propagation.methods import propagate_scenario as propagate_scenario

@@ -19,6 +19,7 @@ class Linear(Distribution):
         lin = gradient or states.model.unchecked_linearize(states.aircraft, states.radar)
         by_aircraft = variance_along(lin.jac_aircraft, states.cov_aircraft)
         std = np.sqrt(by_aircraft + variance_along(lin.jac_radar, states.cov_radar))
+        std = np.where(np.isnan(lin.p_d), np.nan, std)
         self.p_d, self.moments, self._gradient = lin.p_d, (lin.p_d, std), lin
 
     def quantile(self, beta: float) -> FloatArray:

@@ -109,7 +109,7 @@ class Moments(Band):
     @classmethod
     def of(cls, found: Distribution, beta: float) -> Moments:
         """Return the values of a distribution. All are P_D where nothing is uncertain."""
-        mean, std = mean_and_std(found)  # first, because these may have the bounds by the way
+        mean, std = found.mean, found.std  # first, because these may have the bounds by the way
         values = vars(Band.of(found, beta))
         bounds = {end: np.where(std == 0, found.p_d, values[end]) for end in ("lower", "upper")}
         return cls(**values | bounds, mean=mean, std=std)
@@ -208,13 +208,6 @@ def distribution(scenario: Scenario, method: str) -> Distribution:
     """Return the distribution of P_D at every pose of a scenario, at its level."""
     check_choice("method", method, METHODS)
     return METHODS[method](scenario.states())
-
-
-def mean_and_std(found: Distribution) -> tuple[FloatArray, FloatArray]:
-    """Return mean and σ (k,). Where nothing is uncertain, the mean is P_D without rounding."""
-    std = found.std
-    mean = np.where(std == 0, found.p_d, found.mean)
-    return mean, np.where(np.isnan(mean), np.nan, std)
 
 
 def std_off_in_scenario(

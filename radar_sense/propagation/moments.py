@@ -38,8 +38,9 @@ class Distribution:
 
     @property
     def mean(self) -> FloatArray:
-        """Mean of P_D (k,)."""
-        return self.moments[0]
+        """Mean of P_D (k,): P_D itself, without rounding, where nothing is uncertain."""
+        mean, std = self.moments
+        return np.where(std == 0, self.p_d, mean)
 
     @property
     def std(self) -> FloatArray:

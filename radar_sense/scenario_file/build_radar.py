@@ -92,8 +92,7 @@ def _radar(
     _refuse_detector(stated)
     band = _band(stated, rcs)
     shared = _shared(file, stated, [*levels])
-    position, turn = _position(stated, geometry)
-    axes = np.eye(3) if turn is None else turn
+    position, axes = _position(stated, geometry)
     factors = tuple(_factors(stated, axes))
     model = DetectionModel(rcs[band], float(stated.p_fa), stated.detector, factors)
     constant = stated.constant if sheet is None else sheet.constant
@@ -105,7 +104,7 @@ def _radar(
         name=getattr(stated, "name", ""),
         state=np.array([*position, constant], dtype=float),
         levels={
-            name: _level(level, stated, sheet, turn, shared.get(name))
+            name: _level(level, stated, sheet, axes, shared.get(name))
             for name, level in levels.items()
         },
         max_range=math.inf if stated.max_range_km is None else stated.max_range_km * KM,
@@ -155,10 +154,13 @@ def _band(stated: sections.Radar, rcs: Mapping[str, RCS]) -> str:
     return stated.band
 
 
-def _position(stated: sections.Radar, geometry: Geometry) -> tuple[FloatArray, FloatArray | None]:
-    """Return north, east, down (3,) [m], and the turn (3, 3) of local axes to the frame, if any."""
+def _position(stated: sections.Radar, geometry: Geometry) -> tuple[FloatArray, FloatArray]:
+    """Return the place (3,) [m], and the axes (3, 3) in which the file has its uncertainty.
+
+    The axes are north, east and down at a radar on the earth, else those of the poses.
+    """
     if stated.position_geodetic is None:
-        return np.array(stated.position_m), None
+        return np.array(stated.position_m), np.eye(3)
     origin = geometry.origin
     if origin is None:
         raise stated.position_geodetic.place.error(
@@ -210,13 +212,12 @@ def _level(
     stated: sections.RadarUncertainty,
     radar: sections.Radar,
     sheet: DataSheet | None,
-    turn: FloatArray | None,
+    axes: FloatArray,
     shared: Any,
 ) -> Level:
     """Return the uncertainty of a radar at one level, in the frame of the poses.
 
-    The turn (3, 3) is to this frame from the one in which the file has the covariance, as returned
-    by `_position`. `shared` are the `Tolerances` that the radars of the type share.
+    The axes are those of `_position`. `shared` are the `Tolerances` that radars of the type share.
     """
     place, tolerances = stated.place, tuple[Tolerance, ...]()
     if isinstance(stated.constant, sections.Tolerances):
@@ -238,11 +239,10 @@ def _level(
         assert sheet is not None
         std = {"constant": sheet.constant * relative_std(tolerances)}
     matrix = covariance_of(stated, {"position_m": (3, 1.0), "constant": (1, 1.0)}, **std)
-    if turn is not None:
-        frame = np.eye(len(matrix))
-        frame[POSITION, POSITION] = turn
-        matrix = frame @ matrix @ frame.T
-        matrix = covariance.without_rounding(0.5 * (matrix + matrix.T))
+    frame = np.eye(len(matrix))
+    frame[POSITION, POSITION] = axes
+    matrix = frame @ matrix @ frame.T
+    matrix = covariance.without_rounding(0.5 * (matrix + matrix.T))
     return Level(matrix, tolerances, _errors(stated, radar))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path as FilePath
-from typing import TypeAlias, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from radar_sense.scenario_file.text_file import FileError, TextFile, open_text
 from radar_sense.states import FloatArray
 
 C = TypeVar("C")
-#: The sections that name a file, and have its digest in a record.
-Named: TypeAlias = sections.DataFile | sections.Table | sections.Path
 
 #: One kilometre in metres, and one per kilometre in one per metre.
 KM, PER_KM = 1e3, 1e-3
@@ -29,7 +27,7 @@ def on_earth(place: sections.Geodetic) -> tuple[float, float, float]:
     return place.latitude_deg * DEG, place.longitude_deg * DEG, float(place.altitude_m)
 
 
-def read_named(stated: Named, kind: str, read: Callable[[TextFile], C]) -> C:
+def read_named(stated: sections.DataFile, kind: str, read: Callable[[TextFile], C]) -> C:
     """Return what the file that a section names holds, and let the section have its digest.
 
     Errors about the file as a whole get the place of the key that names it, and say what kind of
@@ -52,7 +50,7 @@ def read_named(stated: Named, kind: str, read: Callable[[TextFile], C]) -> C:
     return content
 
 
-def _check_digest(file: TextFile, stated: Named) -> str:
+def _check_digest(file: TextFile, stated: sections.DataFile) -> str:
     """Return the digest of a file, or raise InputError if the section has another one."""
     digest = file.sha256()
     if stated.sha256 not in (None, digest):

@@ -33,7 +33,7 @@ from radar_sense.covariance import first_wrong
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG, Limit, check_parameters
 from radar_sense.model import geodesy
-from radar_sense.model.track import ATTITUDE_COLUMNS, attitude_of_motion, motion_of_samples
+from radar_sense.model.track import ATTITUDE_COLUMNS, attitude_from_motion, motion_of_samples
 from radar_sense.model.trajectory import MIN_STEP, Route
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.conversion import KM
@@ -194,12 +194,14 @@ def read_route(
         )
     time = _times(track, stated.speed_m_s, stated.max_gap_s)
     place, attitude = track.place, track.attitude
-    position = place if origin is None else geodesy.ned_from_geodetic(place, origin)
+    position, turn = place, None
+    if origin is not None:
+        position = geodesy.ned_from_geodetic(place, origin)
+        turn = geodesy.turn_to_origin(place, origin)
     if attitude is None:
-        velocity, acceleration = motion_of_samples(time, position)
-        attitude = attitude_of_motion(track.source, place, velocity, acceleration, origin)
-    elif origin is not None:
-        attitude = geodesy.turned_attitude(attitude, geodesy.turn_to_origin(place, origin))
+        attitude = attitude_from_motion(track.source, *motion_of_samples(time, position), turn)
+    elif turn is not None:
+        attitude = geodesy.turned_attitude(attitude, turn)
     aircraft = np.hstack([position, attitude])
     return Route(time, aircraft, track.covariance, track.attitude is not None, origin)
 

@@ -64,9 +64,7 @@ _LOSS = Text(
 SPEED = Limit(at_least=1e-3, at_most=1e5)
 _ANGLE = Limit(at_least=-360, at_most=360)
 _AZIMUTH = Limit(at_least=-360, at_most=720)
-#: Meaning and kind of the keys that several sections have.
-_CSV_FILE = "Name of a CSV file, from the folder of the scenario file.", _FILE
-_DIGEST = "Digest that the file must have.", Text("[0-9a-f]{64}", "64 digits 0 to 9 and a to f")
+#: Meaning and kind of a key that two sections have.
 _AZIMUTH_FROM = (
     "Direction of azimuth 0: east as in the paper, or north as on a compass.",
     ("east", "north"),
@@ -235,8 +233,10 @@ Surveillance, Tracking = _data_sheet("surveillance"), _data_sheet("tracking")
 class DataFile(Section):
     """A file beside the scenario file, and what it must have in it."""
 
-    file: str = key(*_CSV_FILE)
-    sha256: str | None = optional(*_DIGEST)
+    file: str = key("Name of a CSV file, from the folder of the scenario file.", _FILE)
+    sha256: str | None = optional(
+        "Digest that the file must have.", Text("[0-9a-f]{64}", "64 digits 0 to 9 and a to f")
+    )
 
 
 #: The name of a file, or a `DataFile`.
@@ -319,15 +319,13 @@ class NamedRadar(Radar, _Name):  # in this order the name is the first key
 
 
 @dataclass(kw_only=True)
-class Table(Section):
+class Table(DataFile):
     """An RCS table."""
 
-    file: str = key(*_CSV_FILE)
     mirror: bool = key(
         "Whether the file has one half of a symmetric aircraft.", yes_no(), default=False
     )
     envelope_deg: float | None = optional("Half width of the envelope of the table.", ENVELOPE)
-    sha256: str | None = optional(*_DIGEST)
 
 
 #: The RCS models by name, with the section of a table. A model may be added at any time.
@@ -402,7 +400,7 @@ class Interpolation(Section):
 
 
 @dataclass(kw_only=True)
-class Path(Section):
+class Path(DataFile):
     """The path of a route file."""
 
     file: str = key("Name of a route file, from the folder of the scenario file.", _FILE)
@@ -439,7 +437,6 @@ class Path(Section):
         "Address of the aircraft in a file of ADS-B state vectors with several aircraft.",
         Text("[0-9A-Fa-f]{6}", "6 digits 0 to 9 and a to f"),
     )
-    sha256: str | None = optional(*_DIGEST)
 
 
 # The file.

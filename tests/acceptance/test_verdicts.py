@@ -455,7 +455,7 @@ def test_p_d_above_the_threshold_is_violated_though_draws_are_below():
     p_max = p_d(top) * (1 - 1e-10)
     found = path_test(s, "automatic", Requirement(p_max), propagate_scenario(s, p_max=p_max))
     assert found.decision.holds.all()
-    assert found.test.verdict == "violated"
+    assert found.verdict == "violated"
 
 
 def test_a_path_that_is_not_resolved_does_not_hold(monkeypatch):
@@ -463,7 +463,7 @@ def test_a_path_that_is_not_resolved_does_not_hold(monkeypatch):
     for most, verdict in ((20_000, "holds"), (1, "not known")):
         monkeypatch.setattr(refinement, "MAX_POSES", most)
         found = path_test(s, "automatic", Requirement(0.97), propagate_scenario(s, p_max=0.97))
-        assert found.test.verdict == verdict
+        assert found.verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -625,8 +625,8 @@ def test_a_bound_is_on_the_side_of_its_verdict(pose, p_max, verdict):
     found = path_test(one, "automatic", Requirement(p_max), band)
     assert band.error == 0
     assert (band.upper > p_max) == (verdict == "holds")
-    assert found.test.verdict == verdict
-    assert (found.test.margin >= 0) == (verdict == "holds")
+    assert found.verdict == verdict
+    assert (found.margin >= 0) == (verdict == "holds")
     assert found.by_draws
 
 

@@ -44,9 +44,9 @@ def judge(tmp_path, monkeypatch):
 
 def test_scenarios_of_the_schema_are_read_back_or_refused(judge):
     codes = ends(checked(), 1, judge[0])
-    assert codes[0] > 5
+    assert codes[0] > 3
     assert codes[2] > 0
-    assert judge[1][False, False] > 5
+    assert judge[1][False, False] > 3
 
 
 @pytest.mark.parametrize("ending", [".yaml", ".csv", ".gpx"])

@@ -25,7 +25,7 @@ def events(p_d, m, n, looks=None):
     """Detection and track by each time, of radars with P_D (L, n) that look one by one."""
     looks = np.ones((len(p_d[0]), 1), dtype=bool) if looks is None else looks
     radars = tuple((i,) for i in range(len(p_d)))
-    schedule = Schedule(np.arange(float(len(looks))), (1.0,) * len(radars), radars, looks)
+    schedule = Schedule(np.arange(float(len(looks))), radars, looks)
     return tracks.event_probabilities(schedule, p_d, (m, n))
 
 

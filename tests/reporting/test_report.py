@@ -241,7 +241,7 @@ def test_the_method_of_the_scenario_is_the_method_of_the_report():
     for report, method in ((rs.report(few), few.method), (rs.report(few, method="form"), "form")):
         assert f"method {method}" in report.html()
         (along,) = (section for section in report.sections if section.key == "variance")
-        assert along.result.method == method
+        assert along.result.scenario.method == method
 
 
 # Hostile names.

@@ -201,7 +201,7 @@ def test_an_origin_too_far_for_the_attitude_errors_is_warned_of(yaw, is_far, tmp
         path = path_test(
             s, "automatic", Requirement(limit, probability=0.001), propagate_scenario(s)
         )
-        assert not np.any(path.test.violated & path.far)
+        assert not np.any(path.violated & path.far)
         assert np.any(path.decision.violated & path.far) == bool(told)
     near = found.pop(50)
     assert not near[0]
