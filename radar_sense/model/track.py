@@ -10,25 +10,47 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.constants import g as gravity
 
 from radar_sense.covariance import symmetric_square_root, without_rounding
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy
-from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray, slices
+from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, FloatArray, slices
 
-#: Below this speed over ground [m/s] an aircraft hovers: a drift does not show the heading.
+#: Below this speed over ground [m/s] from row to row an aircraft hovers: a drift shows no heading.
 HOVER = 0.1
+#: A slower velocity over ground [m/s] is rounding, and has no direction.
+_NO_SPEED = 1e-9
 #: Nearer than this [rad] to straight up or down, errors of yaw and roll grow more than 500-fold.
 _STEEP = 0.002
 #: Columns of a route file that hold the attitude, for errors.
 ATTITUDE_COLUMNS = tuple(f"{name}_deg" for name in AIRCRAFT[ATTITUDE])
 
 
+def over_ground(
+    velocity: FloatArray, position: FloatArray, origin: tuple[float, ...] | None
+) -> FloatArray:
+    """Return velocities (n, 3) at positions (n, 3) without the part that climbs."""
+    if origin is None:
+        return velocity * [1.0, 1.0, 0.0]
+    down = geodesy.turn_from_level(position, origin)[..., DOWN]
+    return velocity - np.sum(velocity * down, axis=-1, keepdims=True) * down
+
+
+def hovering(
+    time: FloatArray, position: FloatArray, origin: tuple[float, ...] | None
+) -> NDArray[np.bool_]:
+    """Return whether the aircraft hovers (n − 1,) from row to row."""
+    velocity = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+    return np.asarray(np.linalg.norm(over_ground(velocity, position[:-1], origin), axis=1) < HOVER)
+
+
 def attitude_from_motion(
     source: str,
     velocity: FloatArray,
     acceleration: FloatArray,
+    hovers: NDArray[np.bool_],
     turn: FloatArray | None = None,
 ) -> FloatArray:
     """Return the attitude (n, 3) [rad] of coordinated flight without wind or angle of attack.
@@ -38,23 +60,24 @@ def attitude_from_motion(
     W. McLain, *Small Unmanned Aircraft*, 2012, ch. 9, with χ = ψ). The acceleration to the right is
     V_h χ̇ = (v_n a_e − v_e a_n)/V_h.
 
-    Below the speed `HOVER` over ground, yaw is the last known course, and the aircraft is level,
-    also where it climbs. Before the first known course, yaw is the first known course. An aircraft
-    that never moves horizontally is refused.
+    Where it hovers, yaw is the last known course, and the aircraft is level, also where it climbs.
+    Before the first known course, yaw is the first known course. An aircraft that never moves
+    horizontally is refused.
 
     Args:
         source: Name of the track in errors.
         velocity: North, east, down (n, 3) [m/s], in the order of time.
         acceleration: North, east, down (n, 3) [m/s²].
+        hovers: Whether the aircraft hovers (n,).
         turn: Matrices (n, 3, 3) from level at the aircraft to the frame of the motion, in which the
             attitude is returned; None if level is the same everywhere.
     """
     if turn is not None:
         motion = (np.einsum("...ij,...i->...j", turn, of) for of in (velocity, acceleration))
-        return geodesy.turned_attitude(attitude_from_motion(source, *motion), turn)
+        return geodesy.turned_attitude(attitude_from_motion(source, *motion, hovers), turn)
     north, east, down = (velocity[:, i] for i in range(3))
     speed = np.hypot(north, east)
-    moves = speed >= HOVER
+    moves = ~hovers & (speed > _NO_SPEED)
     if not moves.any():
         raise InputError(
             f"{source}: the aircraft never moves horizontally at {HOVER:g} m/s or more, attitude "
@@ -76,7 +99,7 @@ def motion_of_samples(time: FloatArray, position: FloatArray) -> tuple[FloatArra
     neighbours. Twice the second divided difference of three samples is the acceleration at the mean
     of their times. The acceleration is extrapolated linearly to the time of the sample. Velocity
     and acceleration have errors of second order in the time step, whether steps are equal or not.
-    At the ends the nearest parabola and line are continued.
+    At the ends the nearest parabola and line are continued, a velocity not against its step.
 
     Positions rounded to δ make the acceleration wrong by some 2δ/h² at steps h. Samples that are
     close in time need positions with many digits.
@@ -90,6 +113,9 @@ def motion_of_samples(time: FloatArray, position: FloatArray) -> tuple[FloatArra
         return np.repeat(velocity, 2, axis=0), np.zeros((2, 3))
     velocity = np.gradient(position, time, axis=0, edge_order=2)
     slope = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+    for end in (0, -1):
+        if velocity[end] @ slope[end] < 0:
+            velocity[end] = slope[end]
     second = 2.0 * np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, np.newaxis]
     if len(second) == 1:
         return velocity, np.repeat(second, 3, axis=0)

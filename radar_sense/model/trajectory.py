@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
-from radar_sense.model.track import HOVER, attitude_from_motion
+from radar_sense.model.track import attitude_from_motion, hovering, over_ground
 from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, real_array, slices
 
 if TYPE_CHECKING:
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+    from scipy.interpolate import CubicHermiteSpline
     from scipy.spatial.transform import Slerp
 
 #: Most poses of a route.
@@ -67,16 +67,8 @@ class Route(ReadOnly):
 
     @cached_property
     def hovers(self) -> NDArray[np.bool_]:
-        """Whether the aircraft hovers on each leg (n − 1,), by the distance over ground."""
-        ground = self.aircraft[:, POSITION].copy()
-        if self.origin is None:
-            ground[:, DOWN] = 0.0
-        else:
-            place = geodesy.geodetic_from_ned(ground, self.origin)
-            place[:, 2] = 0.0
-            ground = geodesy.ned_from_geodetic(place, self.origin)
-        way = np.linalg.norm(np.diff(ground, axis=0), axis=1)
-        return np.asarray(way < HOVER * np.diff(self.time_s))
+        """Whether the aircraft hovers on each leg (n − 1,)."""
+        return hovering(self.time_s, self.aircraft[:, POSITION], self.origin)
 
     @cached_property
     def turning(self) -> Slerp:
@@ -87,11 +79,29 @@ class Route(ReadOnly):
         return Slerp(self.time_s, Rotation.from_euler("ZYX", yaw_pitch_roll))
 
     @cached_property
-    def spline(self) -> CubicSpline:
-        """The position as a smooth function of time."""
-        from scipy.interpolate import CubicSpline  # takes 0.3 s to import
+    def spline(self) -> CubicHermiteSpline:
+        """The position as a smooth function of time.
 
-        return CubicSpline(self.time_s, self.aircraft[:, POSITION])
+        Its slopes at the samples are those of the cubic spline, within limits. A slope over ground
+        is at most three times the speed on the legs beside it, and not against them: the spline
+        would swing through a place where the aircraft stops.
+        """
+        from scipy.interpolate import CubicHermiteSpline, CubicSpline  # takes 0.3 s to import
+
+        time, position = self.time_s, self.aircraft[:, POSITION]
+        slope = CubicSpline(time, position)(time, 1)
+        level = limited = over_ground(slope, position, self.origin)
+        leg = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+        leg = over_ground(leg, position[:-1], self.origin)
+        speed = np.linalg.norm(leg, axis=1, keepdims=True)
+        along = np.divide(leg, speed, out=np.zeros_like(leg), where=speed > 0)
+        for beside in (np.vstack([along[:1], along]), np.vstack([along, along[-1:]])):
+            against = np.minimum(np.sum(limited * beside, axis=1, keepdims=True), 0.0)
+            limited = limited - against * beside
+        most = 3.0 * np.minimum(np.vstack([speed[:1], speed]), np.vstack([speed, speed[-1:]]))
+        size = np.linalg.norm(limited, axis=1, keepdims=True)
+        limited = limited * np.divide(most, size, out=np.ones_like(size), where=size > most)
+        return CubicHermiteSpline(time, position, slope + (limited - level))
 
     @cached_property
     def smooth_height(self) -> CubicHermiteSpline:
@@ -139,8 +149,8 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     cubic spline with continuous acceleration through all samples (C. de Boor, *A Practical Guide to
     Splines*, 1978, ch. IV, not-a-knot). Course, climb and bank come from the spline. In latitude
     and longitude the spline is lifted to its altitude, like a leg. Altitude stays between the
-    altitudes of two samples, unless the samples show the top of a curve (`Route.smooth_height`). A
-    leg on which the aircraft hovers is straight: a spline would move it to and fro.
+    altitudes of two samples, unless the samples show the top of a curve (`Route.smooth_height`).
+    The path does not swing through a place where the aircraft stops (`Route.spline`).
 
     A given attitude turns from pose to pose about one axis at a constant rate (K. Shoemake,
     "Animating rotation with quaternion curves", SIGGRAPH 1985). Unlike interpolated Euler angles,
@@ -190,9 +200,8 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
         return route
     motion = _legs if method == "legs" else _smooth
     asked = time
-    if not route.attitude_given:  # where it hovers, the course is that of the end of the leg before
-        ends = np.nextafter(route.time_s[1:-1][route.hovers[1:]], -np.inf)
-        time = np.unique(np.concatenate([asked, route.time_s, ends]))
+    if not route.attitude_given:  # where it hovers, the course is that of arrival, or of departure
+        time = np.unique(np.concatenate([asked, route.time_s, *_beside_stops(route)]))
     position, velocity, acceleration = motion(route, time)
     if route.attitude_given:
         to_ned = route.turning(time).as_matrix()
@@ -200,9 +209,21 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
     else:
         origin = route.origin
         turn = None if origin is None else geodesy.turn_from_level(position, origin)
-        attitude = attitude_from_motion("route", velocity, acceleration, turn)
+        hovers = route.hovers[_leg(route.time_s, time)[0]]
+        attitude = attitude_from_motion("route", velocity, acceleration, hovers, turn)
     aircraft = np.hstack([position, attitude])[np.searchsorted(time, asked)]
     return Route(asked, aircraft, _covariance(route, asked), route.attitude_given, route.origin)
+
+
+def _beside_stops(route: Route) -> tuple[FloatArray, FloatArray]:
+    """Return times at the ends of legs before a stop, and at the starts of legs after a stop.
+
+    At the row itself the aircraft may stand. A millionth of the leg away its course is known.
+    """
+    time, aside = route.time_s, 1e-6 * np.diff(route.time_s)
+    ends = np.minimum(time[1:] - aside, np.nextafter(time[1:], -np.inf))
+    starts = np.maximum(time[:-1] + aside, np.nextafter(time[:-1], np.inf))
+    return ends[np.append(route.hovers[1:], True)], starts[np.append(True, route.hovers[:-1])]
 
 
 def distance_flown(route: Route, time: FloatArray, method: str = "legs") -> FloatArray:
@@ -258,31 +279,22 @@ def _leg(times: FloatArray, at: FloatArray) -> tuple[NDArray[np.intp], FloatArra
 
 def _legs(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return position, velocity and acceleration (n, 3) on straight legs."""
-    position, velocity, acceleration = _straight(route, at)
+    leg, fraction = _leg(route.time_s, at)
+    waypoints = route.aircraft[:, POSITION]
+    velocity = (np.diff(waypoints, axis=0) / np.diff(route.time_s)[:, np.newaxis])[leg]
+    position = waypoints[leg] + velocity * (at - route.time_s[leg])[:, np.newaxis]
+    acceleration = np.zeros_like(velocity)
     if route.origin is not None:
-        leg, fraction = _leg(route.time_s, at)
-        height = geodesy.geodetic_from_ned(route.aircraft[:, POSITION], route.origin)[:, 2]
+        height = geodesy.geodetic_from_ned(waypoints, route.origin)[:, 2]
         climb = (np.diff(height) / np.diff(route.time_s))[leg]
         height = height[leg] + fraction * (height[leg + 1] - height[leg])
         position = _lifted(position, height, climb, velocity, acceleration, route.origin)
     return position, velocity, acceleration
 
 
-def _straight(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return position, velocity and acceleration (n, 3) on straight lines, through the earth."""
-    leg, _ = _leg(route.time_s, at)
-    waypoints = route.aircraft[:, POSITION]
-    velocity = (np.diff(waypoints, axis=0) / np.diff(route.time_s)[:, np.newaxis])[leg]
-    position = waypoints[leg] + velocity * (at - route.time_s[leg])[:, np.newaxis]
-    return position, velocity, np.zeros_like(velocity)
-
-
 def _smooth(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return position, velocity and horizontal acceleration (n, 3) on the cubic spline."""
     position, velocity, acceleration = (route.spline(at, order) for order in range(3))
-    hovers = route.hovers[_leg(route.time_s, at)[0]]
-    if hovers.any():
-        position[hovers], velocity[hovers], acceleration[hovers] = _straight(route, at[hovers])
     height, climb = (route.smooth_height(at, order) for order in range(2))
     if route.origin is None:
         position[:, DOWN], velocity[:, DOWN] = -height, -climb

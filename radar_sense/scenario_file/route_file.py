@@ -33,7 +33,12 @@ from radar_sense.covariance import first_wrong
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG, Limit, check_parameters
 from radar_sense.model import geodesy
-from radar_sense.model.track import ATTITUDE_COLUMNS, attitude_from_motion, motion_of_samples
+from radar_sense.model.track import (
+    ATTITUDE_COLUMNS,
+    attitude_from_motion,
+    hovering,
+    motion_of_samples,
+)
 from radar_sense.model.trajectory import MIN_STEP, Route
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.conversion import KM
@@ -199,7 +204,10 @@ def read_route(
         position = geodesy.ned_from_geodetic(place, origin)
         turn = geodesy.turn_to_origin(place, origin)
     if attitude is None:
-        attitude = attitude_from_motion(track.source, *motion_of_samples(time, position), turn)
+        still = hovering(time, position, origin)
+        still = np.append(still[0], still)  # a row is as the step that leads to it
+        motion = motion_of_samples(time, position)
+        attitude = attitude_from_motion(track.source, *motion, still, turn)
     elif turn is not None:
         attitude = geodesy.turned_attitude(attitude, turn)
     aircraft = np.hstack([position, attitude])

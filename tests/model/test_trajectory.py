@@ -24,7 +24,7 @@ import radar_sense as rs
 from radar_sense.covariance import problem
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy as wgs84
-from radar_sense.model.track import attitude_from_motion, motion_of_samples
+from radar_sense.model.track import attitude_from_motion, hovering, motion_of_samples
 from radar_sense.model.trajectory import distance_flown, interpolate, resample
 
 G = 9.80665
@@ -34,12 +34,19 @@ FULL = ",".join([HEAD, *ATTITUDE])
 pytestmark = pytest.mark.usefixtures("here")
 
 
+def of_samples(time, position):
+    """The attitude of samples of which none is at the end of a hover."""
+    steps = hovering(time, position, None)
+    hovers = np.append(steps[0], steps)
+    return attitude_from_motion("track", *motion_of_samples(time, position), hovers)
+
+
 def test_a_straight_climb_has_its_course_and_climb_and_no_bank():
     rng = np.random.default_rng(2)
     time = 1.7e9 + np.cumsum(rng.uniform(0.1, 2.0, 50))  # a clock since 1970
     velocity = np.array([-120.0, 160.0, -50.0])
     position = np.outer(time - time[0], velocity) - np.array([5e5, -3e5, 3e3])
-    attitude = attitude_from_motion("track", *motion_of_samples(time, position))
+    attitude = of_samples(time, position)
     expected = [0.0, math.atan2(50, 200), math.atan2(160, -120)]
     np.testing.assert_allclose(attitude, np.tile(expected, (50, 1)), atol=1e-8)
 
@@ -76,9 +83,7 @@ def test_turns_converge_with_the_square_of_the_step(right, climb, times):
     for count in (201, 801, 3201):
         time = times(count, rng)
         position, expected = helix(time, speed=200.0, radius=4e3, climb=climb, right=right)
-        off = np.abs(
-            wrapped(attitude_from_motion("track", *motion_of_samples(time, position)) - expected)
-        )
+        off = np.abs(wrapped(of_samples(time, position) - expected))
         # The whole path, ends included.
         errors.append(np.max(off, axis=0))
     assert np.all(errors[0] < 3e-3)
@@ -100,7 +105,7 @@ def test_a_parabola_and_a_cubic_are_exact():
     cubic = motion(0.02 * time**3 - time**2)
     np.testing.assert_allclose(cubic[1][:, 1], 0.12 * time - 2, atol=1e-10)
     np.testing.assert_allclose(motion(time**2)[0][:, 1], 2 * time, atol=1e-10)
-    assert attitude_from_motion("track", *cubic)[0, 0] < 0
+    assert attitude_from_motion("track", *cubic, np.zeros(len(cubic[0]), bool))[0, 0] < 0
 
 
 def test_acceleration_is_between_those_measured_around_it():
@@ -119,7 +124,8 @@ def test_acceleration_is_between_those_measured_around_it():
 def test_drifting_is_hovering():
     velocity = np.array([[10.0, 0, -1], [0, 0.05, -0.05], [0, 0.05, 5]])
     acceleration = np.array([[2.0, 2, 0]] * 3)
-    roll, pitch, yaw = attitude_from_motion("track", velocity, acceleration).T
+    hovers = np.array([False, True, True])
+    roll, pitch, yaw = attitude_from_motion("track", velocity, acceleration, hovers).T
     np.testing.assert_allclose(roll, [math.atan(2 / G), 0, 0], rtol=1e-14)
     np.testing.assert_allclose(pitch, [math.atan(0.1), 0, 0], rtol=1e-14)
     np.testing.assert_array_equal(yaw, 0.0)
@@ -129,13 +135,12 @@ def test_a_hovering_aircraft_keeps_the_last_course_and_is_level():
     north = np.array([0.0, 0, 0, 0, 50, 100, 100, 100, 100, 100])
     up = np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 10, 20])
     position = np.stack([-north, north, -up], axis=-1)
-    attitude = attitude_from_motion("track", *motion_of_samples(np.arange(10.0), position))
+    attitude = of_samples(np.arange(10.0), position)
     np.testing.assert_allclose(attitude[:, 2], 0.75 * np.pi)  # before the first course: the first
     np.testing.assert_array_equal(attitude[[0, 1, 2, 7, 8, 9], 0], 0.0)
     np.testing.assert_array_equal(attitude[[0, 1, 2, 7, 8, 9], 1], 0.0)
-    upwards = motion_of_samples(np.arange(3.0), np.array([[0.0, 0, 0], [0, 0, -9], [0, 0, -30]]))
     with pytest.raises(ValueError, match="never moves"):
-        attitude_from_motion("track", *upwards)
+        of_samples(np.arange(3.0), np.array([[0.0, 0, 0], [0, 0, -9], [0, 0, -30]]))
 
 
 def corner():
@@ -321,6 +326,47 @@ def test_a_smooth_flight_keeps_place_and_course_where_it_hovers():
     np.testing.assert_allclose(found[:, 3:], [[0, 0, np.pi / 2]] * len(found), atol=1e-12)
     between = interpolate(flight, np.array([102.5, 197.5]), "smooth").aircraft
     np.testing.assert_allclose(between[:, 2], [-300.5, -319.5], atol=0.3)
+
+
+@pytest.mark.parametrize("origin", [None, ORIGIN])
+@pytest.mark.parametrize("method", ["legs", "smooth"])
+def test_the_attitude_at_a_time_is_the_same_whatever_other_times_are_asked(method, origin):
+    """Drones that hover, drift and turn sharply."""
+    rng = np.random.default_rng(11)
+    for _ in range(25):
+        n = rng.integers(4, 12)
+        step = rng.choice([0.5, 1, 5, 60], n - 1)
+        way = step * rng.choice([0, 0, 0.05, 0.099, 0.15, 3, 20], n - 1)
+        way[1] = 5 * step[1]
+        course = np.cumsum(rng.normal(0, 0.6, n - 1))
+        aircraft = np.zeros((n, 6))
+        aircraft[1:, 0], aircraft[1:, 1] = (
+            np.cumsum(way * np.cos(course)),
+            np.cumsum(way * np.sin(course)),
+        )
+        aircraft[:, 2] = np.cumsum(rng.choice([0, 0, -5], n))
+        route = rs.Route(np.append(0, np.cumsum(step)), aircraft, None, False, origin)
+        asked = np.union1d(rng.uniform(0, route.time_s[-1], 20), route.time_s)
+        more = np.union1d(asked, rng.uniform(0, route.time_s[-1], 300))
+        found, among = (interpolate(route, time, method).aircraft for time in (asked, more))
+        among = among[np.searchsorted(more, asked)]
+        np.testing.assert_allclose(found[:, :3], among[:, :3], atol=1e-9)
+        np.testing.assert_allclose(wrapped(found[:, 3:] - among[:, 3:]), 0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "north",
+    [(0, 100, 200, 300, 310, 310), (0, 0, 100, 200, 300), (0, 100, 200, 230), (0, 9, 9, 9, 10)],
+)
+def test_an_aircraft_that_only_flies_north_never_looks_south(north):
+    """Not where it stops, starts or slows down, at the rows or between them."""
+    time = 10.0 * np.arange(len(north))
+    path = np.stack([np.array(north, dtype=float), 0 * time, 0 * time - 100], axis=-1)
+    route = load(ned(time, path))
+    fine = interpolate(route, np.linspace(0, time[-1], 997), "smooth").aircraft
+    for aircraft in (route.aircraft, fine):
+        np.testing.assert_allclose(aircraft[:, 3:], 0, atol=1e-9)
+    assert np.all(np.diff(fine[:, 0]) > -1e-9)
 
 
 def test_one_pose_stays_one_pose():

@@ -303,7 +303,7 @@ REFUSED = [
     # 0.09 m/s there and back: a parabola has 0.18 m/s at its ends, straight legs do not
     (f"{HEAD}\n0,9000,0,0\n10,9000.9,0,0\n20,9000,0,0\n",
      {"geometry__interpolate": {"step_s": 5}},
-     "geometry.interpolate: route: the aircraft never moves horizontally at 0.1 m/s or more"),
+     "the aircraft never moves horizontally at 0.1 m/s or more"),
     (ROUTE, {"aircraft__rcs": TABLE, "radar__position_m": [400e3, -150e3, 0],
              "geometry__interpolate": {"step_s": 250}},
      "at time 250 s the aircraft sees the radar at elevation -90 deg, the RCS table"),
