@@ -13,7 +13,6 @@ from radar_sense.model.antenna import ElevationGain as ElevationGain
 from radar_sense.model.antenna import Mask as Mask
 from radar_sense.model.attenuation import Attenuation as Attenuation
 from radar_sense.model.detection_model import DetectionModel as DetectionModel
-from radar_sense.model.detection_model import Factor as Factor
 from radar_sense.model.detection_model import Linearization as Linearization
 from radar_sense.model.detectors import BinaryIntegration as BinaryIntegration
 from radar_sense.model.detectors import CellAveraging as CellAveraging

@@ -20,11 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 from radar_sense import axis as axes
 from radar_sense.axis import Axis
 from radar_sense.covariance import symmetric_square_root
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, check_choice
 from radar_sense.model.geometry import orbit
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.track import covariance_in_frame, square_root_in_frame
-from radar_sense.model.trajectory import Route, distance_flown, interpolate
+from radar_sense.model.trajectory import METHODS, Route, distance_flown, interpolate
 from radar_sense.states import ATTITUDE, FloatArray, ReadOnly, real_array
 
 if TYPE_CHECKING:
@@ -208,6 +208,9 @@ class Path(Geometry):
     method: str = "legs"
     sea_level: float = 0.0
     shortest = 0.2
+
+    def __post_init__(self) -> None:
+        check_choice("method", self.method, METHODS)
 
     @classmethod
     def of(cls, time_s: ArrayLike, aircraft: ArrayLike, covariance: ArrayLike = CERTAIN) -> Path:

@@ -42,6 +42,7 @@ from radar_sense.states import (
     AIRCRAFT,
     FACTORS,
     RADAR,
+    RADAR_AND_ERRORS,
     RCS_ERROR,
     FloatArray,
     aircraft_states,
@@ -254,7 +255,9 @@ class Scenario:
 
         Errors of RCS, attenuation and tilt are not in it. `propagate_scenario` has all errors.
         """
-        return covariance.block_diagonal([r.levels[self.level].covariance for r in self.radars])
+        m, size = len(self.radars), len(RADAR)
+        whole = self._states.cov_radar[0].reshape(m, len(RADAR_AND_ERRORS), m, -1)
+        return np.asarray(whole[:, :size, :, :size].reshape(m * size, m * size))
 
     @property
     def tolerances(self) -> tuple[tuple[Tolerance, ...], ...]:

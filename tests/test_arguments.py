@@ -66,6 +66,19 @@ WRONG = {
     "envelope must be a number": lambda: rs.TableRCS(ANGLES, np.ones(36), envelope="1"),
     "peak_power must be a number": lambda: rs.TrackingRadar("a", 1, 1, 1, 1, 1, 0),
     "origin must be latitude and longitude": lambda: rs.Horizon((1, 2)),
+    "surface must be a number, got nan": lambda: rs.Horizon(surface=np.nan),
+    "tilt must be a number, got 'x'": lambda: rs.ElevationGain([0, 0.1], [0, 0], tilt="x"),
+    "value must be greater than 0 if not in decibels": lambda: rs.Tolerance("a", 0, 1, 1, False),
+    "power must be a whole number": lambda: rs.Tolerance("a", 1, 1, 0.5, False),
+    "c_r with tolerances must not be correlated": lambda: rs.Level(
+        np.eye(4) + 0.1, (rs.Tolerance("a", 1, 0.1, 1, False),)
+    ),
+    "method must be one of legs, smooth, got 'leg'": lambda: path(method="leg"),
+    "p_max must be a number": lambda: rs.propagate_scenario(PAPER, p_max="a"),
+    "scenario must be a Scenario": lambda: rs.propagate_scenario(None),
+    "confidence must be a number greater than 0 and less than 1": lambda: rs.monte_carlo(
+        PAPER.at_poses(slice(2)), 8
+    ).coverage_interval(95),
     "model must be a DetectionModel, got 'x'": lambda: rs.Radar("x"),
     "max_range must be a number": lambda: rs.Radar(MODEL, max_range="far"),
     "horizon must be Horizon or None, got True": lambda: rs.Radar(MODEL, horizon=True),

@@ -239,3 +239,15 @@ def test_the_embedded_scenario_is_the_one_in_configs():
 def test_a_scenario_with_tolerances_may_have_no_poses(config):
     s = rs.load_scenario(f"configs/{config}.yaml").at_states(np.empty((0, 6)))
     assert rs.propagate_scenario(s, method="linear").std.shape == (0,)
+
+
+def test_c_rr_of_a_scenario_has_what_radars_of_a_type_share():
+    """First order by hand is then that of the scenario."""
+    s = rs.load_scenario("configs/gap_fillers.yaml", {"uncertainty.aircraft.rcs_db": 0})
+    by_hand = s.model.linearize(s.aircraft, s.radar).std(s.cov_aircraft, s.cov_radar)
+    expected = rs.propagate_scenario(s, method="linear").std
+    np.testing.assert_allclose(by_hand, expected, rtol=1e-12)
+    alone = np.diag(np.diag(s.cov_radar))
+    assert not np.allclose(
+        s.model.linearize(s.aircraft, s.radar).std(s.cov_aircraft, alone), expected
+    )

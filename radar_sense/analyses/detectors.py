@@ -44,6 +44,7 @@ REQUIRED = (0.5, 0.9)
 )
 def detectors(
     scenario: Scenario,
+    *,
     p_d: float | None = None,
     pulses: int | None = None,
     k: float | None = None,

@@ -203,8 +203,8 @@ def _beyond(mask: NDArray[np.bool_], margin: FloatArray, axis: Axis) -> str:
     digits = DIGITS - math.ceil(math.log10(np.ptp(values) or 1.0))
 
     def end(pose: int, beside: int) -> float:
-        """Return where the margin is 0 towards a pose beside; the pose itself if that is below."""
-        if not (0 <= beside < len(values) and margin[beside] >= 0 > margin[pose]):
+        """Return where the margin is 0 towards a pose beside, or the pose beside if nowhere."""
+        if not (0 <= beside < len(values) and margin[pose] < 0):
             return float(values[pose])
         step = float(values[beside] - values[pose])
         way = step * float(share_beyond(margin[[pose, beside]])[0])

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar_sense.errors import InputError
-from radar_sense.limits import DEG, NOT_NEGATIVE, Limit, check_number
+from radar_sense.limits import ANY, DEG, NOT_NEGATIVE, Limit, check_number
 from radar_sense.model.geometry import Vector, radar_from_aircraft
 from radar_sense.model.radar_equation import NEPERS
 from radar_sense.states import DOWN, FloatArray, ReadOnly, read_only
@@ -83,7 +83,8 @@ class ElevationGain(_Directions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_number("tilt [deg]", float(np.rad2deg(self.tilt)), TILT)
+        tilt = check_number("tilt", self.tilt, ANY)
+        check_number("tilt [deg]", tilt / DEG, TILT)
 
     def __repr__(self) -> str:
         return f"<ElevationGain: {len(self.elevation)} nodes, tilt {np.rad2deg(self.tilt):g} deg>"
@@ -109,10 +110,10 @@ class ElevationGain(_Directions):
         # With ρ the level part of d and h along down, the elevation is atan2(h, ρ).
         level, height, across = self._level_parts(line)
         along = np.divide(-height, across, out=np.zeros_like(across), where=across > 0)
+        down = self.axes[:, DOWN]
         with np.errstate(divide="ignore", invalid="ignore"):  # where both are at one point
             scale = by_elevation / (across * across + height * height)
-        down = self.axes[:, DOWN]
-        by_line = (scale * (along * u + across * d) for u, d in zip(level, down, strict=True))
+            by_line = [scale * (along * u + across * d) for u, d in zip(level, down, strict=True)]
         return curve(inside), Vector(*by_line), -by_elevation
 
     def _level_parts(self, line: Vector) -> tuple[list[FloatArray], FloatArray, FloatArray]:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from radar_sense.errors import InputError
+from radar_sense.limits import ANY, check_number
 from radar_sense.model.geodesy import height_from_ned, is_place
 from radar_sense.states import FloatArray
 
@@ -56,10 +57,14 @@ class Horizon:
     surface: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.origin is not None and not is_place(self.origin):
-            raise InputError(
-                f"origin must be latitude and longitude [rad] and height [m], got {self.origin!r}"
-            )
+        if self.origin is not None:
+            if not is_place(self.origin):
+                raise InputError(
+                    "origin must be latitude and longitude [rad] and height [m], got "
+                    f"{self.origin!r}"
+                )
+            object.__setattr__(self, "origin", tuple(self.origin))
+        check_number("surface", self.surface, ANY)
 
     def height(self, states: FloatArray) -> FloatArray:
         """Return the height above the surface (...) [m] of states (..., 3 or more)."""

@@ -67,6 +67,8 @@ class Level(ReadOnly):
         if not isinstance(given, tuple | list) or not all(isinstance(t, Tolerance) for t in given):
             raise InputError(f"tolerances must be a tuple of Tolerance, got {given!r}")
         object.__setattr__(self, "tolerances", tuple(self.tolerances))
+        if self.tolerances and np.any(matrix[CONSTANT, :CONSTANT]):
+            raise InputError("c_r with tolerances must not be correlated with the position")
         if not isinstance(self.errors, Mapping):
             raise InputError("errors must be a mapping, {'attenuation': 0.2}")
         for parameter, std in self.errors.items():

@@ -16,7 +16,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy.special import ndtr
 
-from radar_sense.limits import NOT_NEGATIVE, check_number
+from radar_sense.errors import InputError
+from radar_sense.limits import ANY, NOT_NEGATIVE, Limit, check_number
 from radar_sense.model.radar_equation import LOSSES_KEY, MOST_NEPERS, NEPERS, RADARS, Unit
 from radar_sense.states import FloatArray
 
@@ -58,7 +59,11 @@ class Tolerance:
     shared: str = ""
 
     def __post_init__(self) -> None:
+        check_number("value", self.value, ANY)
         check_number("std", self.std, NOT_NEGATIVE)
+        check_number("power", self.power, Limit(whole=True))
+        if not self.decibels and not self.value > 0:
+            raise InputError(f"value must be greater than 0 if not in decibels, got {self.value:g}")
 
     @property
     def name(self) -> str:

@@ -35,7 +35,7 @@ def over_ground(
     if origin is None:
         return velocity * [1.0, 1.0, 0.0]
     down = geodesy.turn_from_level(position, origin)[..., DOWN]
-    return velocity - np.sum(velocity * down, axis=-1, keepdims=True) * down
+    return np.asarray(velocity - np.sum(velocity * down, axis=-1, keepdims=True) * down)
 
 
 def hovering(
@@ -73,8 +73,9 @@ def attitude_from_motion(
             attitude is returned; None if level is the same everywhere.
     """
     if turn is not None:
-        motion = (np.einsum("...ij,...i->...j", turn, of) for of in (velocity, acceleration))
-        return geodesy.turned_attitude(attitude_from_motion(source, *motion, hovers), turn)
+        level = [np.einsum("...ij,...i->...j", turn, of) for of in (velocity, acceleration)]
+        attitude = attitude_from_motion(source, level[0], level[1], hovers)
+        return geodesy.turned_attitude(attitude, turn)
     north, east, down = (velocity[:, i] for i in range(3))
     speed = np.hypot(north, east)
     moves = ~hovers & (speed > _NO_SPEED)

@@ -19,7 +19,7 @@ from scipy.special import ndtr
 
 from radar_sense.cost import foresee
 from radar_sense.errors import InputError, counted, describe
-from radar_sense.limits import SIGMAS, WORKERS, check_number
+from radar_sense.limits import SIGMAS, WORKERS, Limit, check_number
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler, clipped
 from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
@@ -100,6 +100,7 @@ class MonteCarlo(DrawStatistics):
 
         The interval is valid for random draws only. Sobol' points are more even.
         """
+        check_number("confidence", confidence, Limit(above=0, below=1))
         low, high = binomial_interval(self.inside, self.runs, confidence)
         return np.where(self.has_band, low, np.nan), np.where(self.has_band, high, np.nan)
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from radar_sense import limits
 from radar_sense.cost import EMPHASIS, foresee
 from radar_sense.errors import InputError, check_choice, counted
-from radar_sense.limits import POSITIVE, check_number
+from radar_sense.limits import POSITIVE, Limit, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import NEVER
@@ -25,7 +25,7 @@ from radar_sense.propagation.automatic import BOUND_CHANGE, Automatic, judged, o
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.moments import BETA, Distribution
 from radar_sense.propagation.staged import StagedDraws, draws_at_first
-from radar_sense.scenario import Scenario
+from radar_sense.scenario import Scenario, check_scenario
 from radar_sense.states import BLOCK, FloatArray
 from radar_sense.uncertain_states import UncertainStates, uncertain_states
 
@@ -111,7 +111,8 @@ class Moments(Band):
         """Return the values of a distribution. All are P_D where nothing is uncertain."""
         mean, std = found.mean, found.std  # first, because these may have the bounds by the way
         values = vars(Band.of(found, beta))
-        bounds = {end: np.where(std == 0, found.p_d, values[end]) for end in ("lower", "upper")}
+        certain = (std == 0) & (values["error"] == 0)  # draws may have bounds where FORM has no σ
+        bounds = {end: np.where(certain, found.p_d, values[end]) for end in ("lower", "upper")}
         return cls(**values | bounds, mean=mean, std=std)
 
 
@@ -162,7 +163,8 @@ def unreliable(
     """Return where (...) draws say that mean, σ or a bound of a method is off, or not precise.
 
     Mean and bounds are off by more than 0.005, or by more than a tenth of themselves below 0.05.
-    σ is off by more than 5 %. The arguments are those of `propagate`.
+    σ is off by more than 5 %. Differences below 2e-5 are not told. The arguments are those of
+    `propagate`.
     """
     shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
     moments = _moments(states, method, beta)
@@ -186,6 +188,9 @@ def propagate_scenario(
         beta: β > 0; the bounds are at Φ(−β) and Φ(β).
         p_max: Limit of P_D whose exceedance the draws of `automatic` count; None for none.
     """
+    check_scenario(scenario)
+    if p_max is not None:
+        check_number("p_max", p_max, Limit(at_least=0, at_most=1))
     return _moments(scenario.states(), method or scenario.method, beta, p_max)
 
 

@@ -11,6 +11,7 @@ from helpers import paper_aircraft
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 from reference import reading
+from scipy.constants import Boltzmann
 from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
 from studies.bands import judging, package, populations, truth
@@ -602,3 +603,18 @@ def test_a_limit_within_reach_is_warned_of_where_the_radar_matters(constant, mat
     cov_radar[7, 7] *= constant / RADAR[3]
     states = model, AIRCRAFT[80:121:10], radar, COV_AIRCRAFT, cov_radar
     assert np.all(unreliable(*states, method="form") == matters)
+
+
+@pytest.mark.all_draws
+def test_a_bound_beyond_a_limit_where_the_nominal_states_are_certain_to_be_unseen():
+    """3 sigma of the range reach within the limit, where P_D is 1.5e-4, and sigma by FORM is 0."""
+    model = DetectionModel(ConstantRCS(1e-5), 1e-8, Swerling1())
+    network = NetworkModel((Radar(model, max_range=99_945.0),))
+    radar, aircraft = np.array([0, 0, 0, 150.0]), np.array([1e5, 0, 0, 0, 0, 0])
+    errors = np.diag([20, 20, 20, 0, 0, 0.0]) ** 2
+    found = propagate(network, aircraft, radar, errors, np.zeros((4, 4)))
+    distance = 1e5 + 20 * np.random.default_rng(2).standard_normal(2_000_000)
+    snr = 150 * 1e-5 / (Boltzmann * distance**4)
+    p_d = np.where(distance <= 99_945.0, 1e-8 ** (1 / (1 + snr)), 0.0)
+    assert found.upper == pytest.approx(np.quantile(p_d, ndtr(3.0)), rel=0.1, abs=4 * found.error)
+    assert found.upper > 1e-4
