@@ -82,59 +82,59 @@ class Route(ReadOnly):
     def spline(self) -> CubicHermiteSpline:
         """The position as a smooth function of time.
 
-        Its slopes at the samples are those of the cubic spline, within limits. A slope over ground
-        is at most three times the speed on the legs beside it, and not against them: the spline
-        would swing through a place where the aircraft stops.
+        Its slopes at the samples are those of the cubic spline, over ground within the limits of
+        `_limited`: the spline would swing through a place where the aircraft stops.
         """
         from scipy.interpolate import CubicHermiteSpline, CubicSpline  # takes 0.3 s to import
 
         time, position = self.time_s, self.aircraft[:, POSITION]
         slope = CubicSpline(time, position)(time, 1)
-        level = limited = over_ground(slope, position, self.origin)
         leg = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
-        leg = over_ground(leg, position[:-1], self.origin)
-        speed = np.linalg.norm(leg, axis=1, keepdims=True)
-        along = np.divide(leg, speed, out=np.zeros_like(leg), where=speed > 0)
-        for beside in (np.vstack([along[:1], along]), np.vstack([along, along[-1:]])):
-            against = np.minimum(np.sum(limited * beside, axis=1, keepdims=True), 0.0)
-            limited = limited - against * beside
-        most = 3.0 * np.minimum(np.vstack([speed[:1], speed]), np.vstack([speed, speed[-1:]]))
-        size = np.linalg.norm(limited, axis=1, keepdims=True)
-        limited = limited * np.divide(most, size, out=np.ones_like(size), where=size > most)
+        level = over_ground(slope, position, self.origin)
+        limited = _limited(level, over_ground(leg, position[:-1], self.origin))
         return CubicHermiteSpline(time, position, slope + (limited - level))
 
     @cached_property
     def smooth_height(self) -> CubicHermiteSpline:
         """The height [m] as a smooth function of time, above the ellipsoid if there is an origin.
 
-        Its slopes at the samples are the slopes of the cubic spline, within limits. The limits make
-        the height monotone between two samples (F. N. Fritsch and R. E. Carlson, "Monotone
-        piecewise cubic interpolation", SIAM J. Numer. Anal. 17(2), 1980). A slope is at most three
-        times the slope to either neighbour, and 0 where the two have different signs.
-
-        A limit of 0 would flatten a top that the samples show. The limits do not apply where five
-        consecutive second differences have one sign and are within a factor of two of each other. A
-        wave needs some 15 samples a period for this.
+        Its slopes at the samples are the slopes of the cubic spline, within the limits of
+        `_limited`, which make the height monotone between two samples. A limit of 0 would flatten a
+        top that the samples show. The limits do not apply where five consecutive second differences
+        have one sign and are within a factor of two of each other. A wave needs some 15 samples a
+        period for this.
         """
         from scipy.interpolate import CubicHermiteSpline, CubicSpline  # takes 0.3 s to import
 
         time, height = self.time_s, -self.aircraft[:, DOWN]
         if self.origin is not None:
             height = geodesy.geodetic_from_ned(self.aircraft[:, POSITION], self.origin)[:, 2]
-        slope = np.diff(height) / np.diff(time)
-        before, after = np.append(slope[0], slope), np.append(slope, slope[-1])
-        rate = CubicSpline(time, height)(time, 1)
-        limit = 3.0 * np.minimum(abs(before), abs(after))
-        same_sign = (before * after > 0) & (rate * after > 0)
-        limited = np.where(same_sign, np.clip(rate, -limit, limit), 0.0)
+        leg, rate = np.diff(height) / np.diff(time), CubicSpline(time, height)(time, 1)
+        limited = _limited(rate[:, np.newaxis], leg[:, np.newaxis])[:, 0]
         if len(time) > _TOP_DIFFERENCES + 1:
-            bend = np.diff(slope) / (time[2:] - time[:-2])
+            bend = np.diff(leg) / (time[2:] - time[:-2])
             windows = np.lib.stride_tricks.sliding_window_view(bend, _TOP_DIFFERENCES)
             low, high = windows.min(axis=-1), windows.max(axis=-1)
             top = ((low > 0) & (high <= 2.0 * low)) | ((high < 0) & (low >= 2.0 * high))
             inner = slice(_TOP_DIFFERENCES // 2 + 1, -(_TOP_DIFFERENCES // 2 + 1))
             limited[inner] = np.where(top, rate[inner], limited[inner])
         return CubicHermiteSpline(time, height, limited)
+
+
+def _limited(slope: FloatArray, leg: FloatArray) -> FloatArray:
+    """Return slopes at samples (n, d) within limits by the slopes (n − 1, d) of the legs.
+
+    A slope is at most three times that of either leg beside it, and not against it (F. N. Fritsch
+    and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal. 17(2), 1980,
+    of one dimension).
+    """
+    size = np.linalg.norm(leg, axis=1, keepdims=True)
+    along = np.divide(leg, size, out=np.zeros_like(leg), where=size > 0)
+    for beside in (np.vstack([along[:1], along]), np.vstack([along, along[-1:]])):
+        slope = slope - np.minimum(np.sum(slope * beside, axis=1, keepdims=True), 0.0) * beside
+    most = 3.0 * np.minimum(np.vstack([size[:1], size]), np.vstack([size, size[-1:]]))
+    given = np.linalg.norm(slope, axis=1, keepdims=True)
+    return np.asarray(slope * np.divide(most, given, out=np.ones_like(given), where=given > most))
 
 
 def resample(route: Route, step_s: float, method: str = "legs") -> Route:
