@@ -106,20 +106,6 @@ class ThresholdTest:
                 return int(np.argmax(mask))
         return None
 
-    @property
-    def first_beyond(self) -> float:
-        """Where the bound is first beyond the limit: 2.5 is the middle of poses 2 and 3.
-
-        NaN is nowhere. The bound is taken to be linear between poses. A pose without a bound is
-        beyond.
-        """
-        beyond = ~(self.margin >= 0)
-        if not beyond.any():
-            return np.nan
-        pose = int(np.argmax(beyond))
-        before = pose > 0 and np.isfinite(self.margin[pose])
-        return pose - float(share_beyond(self.margin[pose - 1 : pose + 1])[0] if before else 0.0)
-
 
 @dataclass(frozen=True, eq=False)
 class Decision:

@@ -170,14 +170,11 @@ def _report(tested: PathTest) -> list[str]:
     known = np.isfinite(tested.margin[tested.worst])
     if known:
         lines += [f"at the worst pose, {axis.at(tested.worst)}: {worst_band(tested)}"]
-    if known and tested.total > 0 and np.isfinite(tested.first_beyond) and tested.path.resolved:
-        first = float(np.interp(tested.first_beyond, np.arange(len(axis)), axis.values))
-        first = round(first, DIGITS - math.ceil(math.log10(tested.total)))
+    if known and tested.beyond > 0 and tested.path.resolved:
         beyond = float(f"{tested.beyond:.3g}")
         lines += [
             f"the bound is {side(required)} {required.limit:g} for about {beyond:g} of "
-            f"{tested.total:.6g} {_unit(scenario)} ({_share(tested):.1%}), "
-            f"first at {axis.format(first)}"
+            f"{tested.total:.6g} {_unit(scenario)} ({_share(tested):.1%})"
         ]
     lines += _probability_lines(tested)
     if tested.violated.any():
