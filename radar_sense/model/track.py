@@ -93,14 +93,17 @@ def attitude_from_motion(
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
-def motion_of_samples(time: FloatArray, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+def motion_of_samples(
+    time: FloatArray, position: FloatArray, origin: tuple[float, ...] | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Return velocity [m/s] and acceleration [m/s²] (n, 3) of sampled positions.
 
     The velocity at a sample is the derivative of the parabola through the sample and its two
     neighbours. Twice the second divided difference of three samples is the acceleration at the mean
     of their times. The acceleration is extrapolated linearly to the time of the sample. Velocity
     and acceleration have errors of second order in the time step, whether steps are equal or not.
-    At the ends the nearest parabola and line are continued, a velocity not against its step.
+    At the ends the nearest parabola and line are continued. Where the velocity over ground is
+    against the step that leads to a sample, it is that of the step.
 
     Positions rounded to δ make the acceleration wrong by some 2δ/h² at steps h. Samples that are
     close in time need positions with many digits.
@@ -108,15 +111,16 @@ def motion_of_samples(time: FloatArray, position: FloatArray) -> tuple[FloatArra
     Args:
         time: (n,) [s], strictly increasing, n ≥ 2.
         position: North, east, down (n, 3) [m].
+        origin: Origin of the frame; None if level is the same everywhere.
     """
     if len(time) == 2:
         velocity = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
         return np.repeat(velocity, 2, axis=0), np.zeros((2, 3))
     velocity = np.gradient(position, time, axis=0, edge_order=2)
     slope = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
-    for end in (0, -1):
-        if velocity[end] @ slope[end] < 0:
-            velocity[end] = slope[end]
+    leading = np.vstack([slope[:1], slope])
+    against = np.sum(over_ground(velocity, position, origin) * leading, axis=1) < 0
+    velocity[against] = leading[against]
     second = 2.0 * np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, np.newaxis]
     if len(second) == 1:
         return velocity, np.repeat(second, 3, axis=0)

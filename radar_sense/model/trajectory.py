@@ -27,6 +27,8 @@ MIN_STEP = 1e-9
 METHODS = ("legs", "smooth")
 #: Number of consecutive second differences of the altitude that show the top of a curve.
 _TOP_DIFFERENCES = 5
+#: Cosine that is 0 but for rounding.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,7 @@ class Route(ReadOnly):
         time, position = self.time_s, self.aircraft[:, POSITION]
         slope = CubicSpline(time, position)(time, 1)
         leg = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+        leg[self.hovers] = 0.0  # a drift shows no course
         level = over_ground(slope, position, self.origin)
         limited = _limited(level, over_ground(leg, position[:-1], self.origin))
         return CubicHermiteSpline(time, position, slope + (limited - level))
@@ -98,21 +101,27 @@ class Route(ReadOnly):
     def smooth_height(self) -> CubicHermiteSpline:
         """The height [m] as a smooth function of time, above the ellipsoid if there is an origin.
 
-        Its slopes at the samples are the slopes of the cubic spline, within the limits of
-        `_limited`, which make the height monotone between two samples. A limit of 0 would flatten a
-        top that the samples show. The limits do not apply where five consecutive second differences
-        have one sign and are within a factor of two of each other. A wave needs some 15 samples a
-        period for this.
+        Its slopes at the samples are the slopes of the cubic spline, within limits. The limits make
+        the height monotone between two samples (F. N. Fritsch and R. E. Carlson, "Monotone
+        piecewise cubic interpolation", SIAM J. Numer. Anal. 17(2), 1980). A slope is at most three
+        times the slope to either neighbour, and 0 where the two have different signs.
+
+        A limit of 0 would flatten a top that the samples show. The limits do not apply where five
+        consecutive second differences have one sign and are within a factor of two of each other. A
+        wave needs some 15 samples a period for this.
         """
         from scipy.interpolate import CubicHermiteSpline, CubicSpline  # takes 0.3 s to import
 
         time, height = self.time_s, -self.aircraft[:, DOWN]
         if self.origin is not None:
             height = geodesy.geodetic_from_ned(self.aircraft[:, POSITION], self.origin)[:, 2]
-        leg, rate = np.diff(height) / np.diff(time), CubicSpline(time, height)(time, 1)
-        limited = _limited(rate[:, np.newaxis], leg[:, np.newaxis])[:, 0]
+        slope, rate = np.diff(height) / np.diff(time), CubicSpline(time, height)(time, 1)
+        before, after = np.append(slope[0], slope), np.append(slope, slope[-1])
+        limit = 3.0 * np.minimum(abs(before), abs(after))
+        same_sign = (before * after > 0) & (rate * after > 0)
+        limited = np.where(same_sign, np.clip(rate, -limit, limit), 0.0)
         if len(time) > _TOP_DIFFERENCES + 1:
-            bend = np.diff(leg) / (time[2:] - time[:-2])
+            bend = np.diff(slope) / (time[2:] - time[:-2])
             windows = np.lib.stride_tricks.sliding_window_view(bend, _TOP_DIFFERENCES)
             low, high = windows.min(axis=-1), windows.max(axis=-1)
             top = ((low > 0) & (high <= 2.0 * low)) | ((high < 0) & (low >= 2.0 * high))
@@ -122,18 +131,20 @@ class Route(ReadOnly):
 
 
 def _limited(slope: FloatArray, leg: FloatArray) -> FloatArray:
-    """Return slopes at samples (n, d) within limits by the slopes (n − 1, d) of the legs.
+    """Return velocities at samples (n, 3) within limits by those on the legs (n − 1, 3).
 
-    A slope is at most three times that of either leg beside it, and not against it (F. N. Fritsch
-    and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal. 17(2), 1980,
-    of one dimension).
+    A velocity is at most twice that on either leg beside it, as where an aircraft brakes evenly to
+    a stop. One against a leg has the direction between the two legs.
     """
-    size = np.linalg.norm(leg, axis=1, keepdims=True)
+    size, given = (np.linalg.norm(of, axis=1, keepdims=True) for of in (leg, slope))
     along = np.divide(leg, size, out=np.zeros_like(leg), where=size > 0)
-    for beside in (np.vstack([along[:1], along]), np.vstack([along, along[-1:]])):
-        slope = slope - np.minimum(np.sum(slope * beside, axis=1, keepdims=True), 0.0) * beside
-    most = 3.0 * np.minimum(np.vstack([size[:1], size]), np.vstack([size, size[-1:]]))
-    given = np.linalg.norm(slope, axis=1, keepdims=True)
+    before, after = np.vstack([along[:1], along]), np.vstack([along, along[-1:]])
+    between = before + after
+    length = np.linalg.norm(between, axis=1, keepdims=True)
+    between = np.divide(between, length, out=np.zeros_like(between), where=length > _ROUNDING)
+    least = np.minimum(*(np.sum(slope * of, axis=1, keepdims=True) for of in (before, after)))
+    slope = np.where(least < -_ROUNDING * given, given * between, slope)
+    most = 2.0 * np.minimum(np.vstack([size[:1], size]), np.vstack([size, size[-1:]]))
     return np.asarray(slope * np.divide(most, given, out=np.ones_like(given), where=given > most))
 
 
@@ -146,11 +157,12 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     longitude a leg follows the curve of the earth, with altitude linear in time.
 
     "smooth" is for samples of a flight that are close enough to show its turns. The path is the
-    cubic spline with continuous acceleration through all samples (C. de Boor, *A Practical Guide to
-    Splines*, 1978, ch. IV, not-a-knot). Course, climb and bank come from the spline. In latitude
-    and longitude the spline is lifted to its altitude, like a leg. Altitude stays between the
-    altitudes of two samples, unless the samples show the top of a curve (`Route.smooth_height`).
-    The path does not swing through a place where the aircraft stops (`Route.spline`).
+    cubic spline through all samples (C. de Boor, *A Practical Guide to Splines*, 1978, ch. IV,
+    not-a-knot), with continuous acceleration but where it slows or turns sharply (`Route.spline`):
+    it does not swing through a place where the aircraft stops. Course, climb and bank come from the
+    spline. In latitude and longitude the spline is lifted to its altitude, like a leg. Altitude
+    stays between the altitudes of two samples, unless the samples show the top of a curve
+    (`Route.smooth_height`).
 
     A given attitude turns from pose to pose about one axis at a constant rate (K. Shoemake,
     "Animating rotation with quaternion curves", SIGGRAPH 1985). Unlike interpolated Euler angles,

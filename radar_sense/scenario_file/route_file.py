@@ -206,7 +206,7 @@ def read_route(
     if attitude is None:
         still = hovering(time, position, origin)
         still = np.append(still[0], still)  # a row is as the step that leads to it
-        motion = motion_of_samples(time, position)
+        motion = motion_of_samples(time, position, origin)
         attitude = attitude_from_motion(track.source, *motion, still, turn)
     elif turn is not None:
         attitude = geodesy.turned_attitude(attitude, turn)

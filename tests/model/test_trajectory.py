@@ -359,14 +359,39 @@ def test_the_attitude_at_a_time_is_the_same_whatever_other_times_are_asked(metho
     [(0, 100, 200, 300, 310, 310), (0, 0, 100, 200, 300), (0, 100, 200, 230), (0, 9, 9, 9, 10)],
 )
 def test_an_aircraft_that_only_flies_north_never_looks_south(north):
-    """Not where it stops, starts or slows down, at the rows or between them."""
+    """Not where it stops, starts or slows down, at the rows or between them, nor where it sinks."""
     time = 10.0 * np.arange(len(north))
     path = np.stack([np.array(north, dtype=float), 0 * time, 0 * time - 100], axis=-1)
     route = load(ned(time, path))
     fine = interpolate(route, np.linspace(0, time[-1], 997), "smooth").aircraft
-    for aircraft in (route.aircraft, fine):
-        np.testing.assert_allclose(aircraft[:, 3:], 0, atol=1e-9)
+    path[:, 2] += 5 * time
+    for aircraft in (route.aircraft, fine, load(ned(time, path)).aircraft):
+        np.testing.assert_allclose(aircraft[:, [3, 5]], 0, atol=1e-9)
     assert np.all(np.diff(fine[:, 0]) > -1e-9)
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.09])
+def test_the_course_of_a_hover_is_that_of_a_flight_that_stops_between_two_rows(drift):
+    """The flights turn by up to 5 deg a row, and drift in any direction; positions are to 1 cm."""
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        step, speed = rng.choice([1.0, 2, 5, 10]), rng.uniform(3, 25)
+        turn, count = np.radians(rng.uniform(-5, 5)) / step, int(rng.integers(4, 9))
+        stop = (count - 1 + rng.uniform(0.1, 0.98)) * step
+        time = step * np.arange(count + 6)
+        angle = turn * np.minimum(time, stop)
+        aircraft = np.zeros((len(time), 6))
+        aircraft[:, 0], aircraft[:, 1] = np.sin(angle), 1 - np.cos(angle)
+        away = drift * np.maximum(time - step * count, 0)[:, np.newaxis]
+        aircraft[:, :2] = aircraft[:, :2] * speed / turn + away * unit(rng.uniform(0, 7))
+        aircraft = aircraft.round(2)
+        route = rs.Route(time, aircraft, None, False)
+        found = interpolate(route, time[-2:], "smooth").aircraft[:, 5]
+        np.testing.assert_allclose(wrapped(found - turn * stop), 0, atol=np.radians(10))
+
+
+def unit(course):
+    return np.array([np.cos(course), np.sin(course)])
 
 
 def test_one_pose_stays_one_pose():
