@@ -85,7 +85,7 @@ class Route(ReadOnly):
         """The position as a smooth function of time.
 
         Its slopes at the samples are those of the cubic spline, over ground within the limits of
-        `_limited`: the spline would swing through a place where the aircraft stops.
+        `_limited`. Without these the spline would swing through a place where the aircraft stops.
         """
         from scipy.interpolate import CubicHermiteSpline, CubicSpline  # takes 0.3 s to import
 
