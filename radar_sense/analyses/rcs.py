@@ -102,9 +102,10 @@ def rcs(scenario: Scenario) -> Result:
     beyond = abs(elevation - np.clip(elevation, low, high))  # the outermost values again
     within = beyond <= 0.5 * ELEVATION_STEP
     every = "any elevation" if ends is None else "any elevation of the table"
-    marked = np.union1d(azimuth.round(9), _marks(model, len(azimuth)).round(9))
-    of_marked = np.array(pattern(model, marked, elevation[within, np.newaxis]))
-    _add_extremes(result, marked, elevation[within], of_marked, every)
+    marks = _marks(model, len(azimuth))
+    both = [maps[0][within], pattern(model, marks, elevation[within, np.newaxis])]
+    around, first = np.unique(np.append(azimuth, marks).round(9), return_index=True)
+    _add_extremes(result, around, elevation[within], np.hstack(both)[:, first], every)
     low, high = decibels(np.array([seen.min(), seen.max()])).round(1) + 0.0
     extremes = seen_elevation.min(), seen_elevation.max()
     at_elevation = " to ".join(dict.fromkeys(f"{end.round(1) + 0.0}" for end in extremes))

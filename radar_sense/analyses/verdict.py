@@ -21,7 +21,7 @@ from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
-#: Digits of the place from which a bound is above, of the length of a path.
+#: Digits, of the length of a path, of the places from which to which a bound is beyond.
 DIGITS = 4
 
 

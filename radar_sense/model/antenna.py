@@ -70,7 +70,7 @@ class ElevationGain(_Directions):
     Attributes:
         elevation: Ascending elevations (n,) [rad], from the axis of the antenna.
         gain_db: One-way gains (n,) [dB], 0 at most.
-        tilt: Elevation of the axis of the antenna [rad].
+        tilt: Elevation of the axis of the antenna [rad], to which its error adds.
     """
 
     elevation: FloatArray
@@ -195,6 +195,7 @@ class Mask(_Directions):
         at_ends = np.interp(ends, self.azimuth, self.elevation, period=math.tau)
         places = np.searchsorted(nodes, ends)
         some, of_nodes = places[0] < places[1], np.tile(self.elevation, 5)
+        # of every two slices of `reduceat` the first is from one azimuth to the other
         least, most = (
             of.reduceat(of_nodes, np.moveaxis(places, 0, -1).ravel())[::2].reshape(some.shape)
             for of in (np.minimum, np.maximum)

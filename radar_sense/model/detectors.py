@@ -295,7 +295,7 @@ def linearize(detector: Detector, snr: FloatArray, p_fa: float) -> tuple[FloatAr
 def required_snr(detector: Detector, p_fa: float, p_d: float) -> float:
     """Return the signal-to-noise ratio at which a detector has a P_D; 0 if P_D is at most P_fa."""
     check_number("p_d", p_d, Limit(above=0, below=1))
-    target, low, high = float(ndtri(p_d)), math.log(1e-12), 700.0
+    target, low, high = float(ndtri(p_d)), math.log(1e-12), 700.0  # e^700 is a number yet
     if detector.linearize_probit(np.asarray(math.exp(low)), p_fa)[0] >= target:
         return 0.0
     x = 0.0
