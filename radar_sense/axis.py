@@ -123,7 +123,7 @@ def widest_of_highest(values: FloatArray, width: FloatArray) -> int:
 def azimuth(values: FloatArray) -> Axis:
     """Return the axis of azimuth θ_r [deg], for an orbit."""
     meaning = "Azimuth of the pose on an orbit."
-    return Axis("theta_r_deg", "azimuth", "deg", values, ".13g", 1e-9, meaning=meaning)
+    return Axis("theta_r_deg", "azimuth", "deg", values, ".13g", 1e-6, meaning=meaning)
 
 
 def time(values: FloatArray) -> Axis:
