@@ -72,6 +72,8 @@ class Axis(ReadOnly):
                 f"there is no pose at {self.format(value)}, the nearest of {len(self)} is at "
                 f"{self.at(pose)}"
             )
+        if np.count_nonzero(self.values == self.values[pose]) > 1:
+            raise InputError(f"several poses are at {self.at(pose)}, where the aircraft hovers")
         return pose
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Axis:

@@ -88,6 +88,11 @@ class Geometry(ReadOnly):
         return self.axis.values
 
     @property
+    def turns(self) -> FloatArray:
+        """Coordinates (k,) at which the attitude jumps."""
+        return np.empty(0)
+
+    @property
     def whole(self) -> Geometry:
         """The poses, and with them the rows of the flight that are between them."""
         return self
@@ -273,6 +278,13 @@ class Path(Geometry):
         after = np.searchsorted(time, rows)
         nearest = np.minimum(rows - time[after - 1], time[after] - rows)
         return self.at(np.union1d(time, rows[nearest > SAME_TIME]))
+
+    @property
+    def turns(self) -> FloatArray:
+        """As of `Geometry`: the waypoints of legs, at which the course jumps."""
+        if self.flight is None or self.method != "legs" or self.flight.attitude_given:
+            return super().turns
+        return self.flight.time_s[1:]
 
     def at(self, coordinate: FloatArray) -> Path:
         """Return the path at other times (k,) [s] within its own."""

@@ -196,10 +196,10 @@ def places(scenario: Scenario, *, lowest: bool = False) -> FloatArray:
     """Return coordinates (k,) of a flight, ascending, between which no lobe, gap or limit fits.
 
     These are the poses and rows of the flight, see `_rows`, the middles of coarse steps, the
-    closest point to each radar, the point nearest to its limits, and both sides of each crossing of
-    a limit. Where the lowest P_D matters, the farthest points are among them, and those deepest
-    beyond a limit. Steps are halved until `MAX_POSES` coordinates are added. With more, some steps
-    may still be coarse.
+    closest point to each radar, the point nearest to its limits, both sides of each crossing of a
+    limit, and a place just before each waypoint at which the course jumps. Where the lowest P_D
+    matters, the farthest points are among them, and those deepest beyond a limit. Steps are halved
+    until `MAX_POSES` coordinates are added. With more, some steps may still be coarse.
     """
     nominal, shortest = _nominal(scenario), LEAST_STEP * scenario.geometry.shortest
     place = _rows(scenario, lowest=lowest)
@@ -212,7 +212,8 @@ def places(scenario: Scenario, *, lowest: bool = False) -> FloatArray:
     for turning in (_nearness, _margins):
         for sign in (1.0, -1.0) if lowest else (1.0,):
             place = np.union1d(place, _maxima(nominal, place, turning, sign))
-    return np.union1d(place, _crossings(nominal, place))
+    place = np.union1d(place, _crossings(nominal, place))
+    return np.union1d(place, np.intersect1d(scenario.geometry.turns, place) - UNIT)
 
 
 def _rows(scenario: Scenario, *, lowest: bool) -> FloatArray:

@@ -20,6 +20,8 @@ from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, FloatArray, s
 
 #: Below this speed over ground [m/s] from row to row an aircraft hovers: a drift shows no heading.
 HOVER = 0.1
+#: How many times as steep as the steeper leg beside it a path is at a row.
+STEEPER = 2.0
 #: A slower velocity over ground [m/s] is rounding, and has no direction.
 _NO_SPEED = 1e-9
 #: Nearer than this [rad] to straight up or down, errors of yaw and roll grow more than 500-fold.
@@ -44,6 +46,28 @@ def hovering(
     """Return whether the aircraft hovers (n − 1,) from row to row."""
     velocity = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
     return np.asarray(np.linalg.norm(over_ground(velocity, position[:-1], origin), axis=1) < HOVER)
+
+
+def largest_climb(
+    time: FloatArray,
+    position: FloatArray,
+    ground: FloatArray,
+    origin: tuple[float, ...] | None,
+) -> FloatArray:
+    """Return the largest rate of climb (n,) at rows with a speed over ground (n,).
+
+    Without a limit the nose would point straight up where an aircraft that climbs stops over ground
+    or turns back. A row between two legs on which it hovers has none.
+    """
+    leg = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+    level = over_ground(leg, position[:-1], origin)
+    speed, climb = np.linalg.norm(level, axis=1), np.linalg.norm(leg - level, axis=1)
+    moves = speed >= HOVER
+    slope = np.divide(climb, speed, out=np.zeros_like(climb), where=moves)
+    moves, steepest = (
+        np.maximum(np.append(of[0], of), np.append(of, of[-1])) for of in (moves, slope)
+    )
+    return np.where(moves, STEEPER * steepest * ground, np.inf)
 
 
 def attitude_from_motion(
@@ -103,24 +127,27 @@ def motion_of_samples(
     of their times. The acceleration is extrapolated linearly to the time of the sample. Velocity
     and acceleration have errors of second order in the time step, whether steps are equal or not.
     At the ends the nearest parabola and line are continued. Where the velocity over ground is
-    against the step that leads to a sample, it is that of the step.
+    against the step that leads to a sample, it is that of the step. A climb is within
+    `largest_climb`.
 
     Positions rounded to δ make the acceleration wrong by some 2δ/h² at steps h. Samples that are
     close in time need positions with many digits.
 
     Args:
-        time: (n,) [s], strictly increasing, n ≥ 2.
+        time: (n,) [s], strictly increasing, n ≥ 3.
         position: North, east, down (n, 3) [m].
         origin: Origin of the frame; None if level is the same everywhere.
     """
-    if len(time) == 2:
-        velocity = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
-        return np.repeat(velocity, 2, axis=0), np.zeros((2, 3))
     velocity = np.gradient(position, time, axis=0, edge_order=2)
     slope = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
     leading = np.vstack([slope[:1], slope])
     against = np.sum(over_ground(velocity, position, origin) * leading, axis=1) < 0
     velocity[against] = leading[against]
+    level = over_ground(velocity, position, origin)
+    climb = np.linalg.norm(velocity - level, axis=1)
+    most = largest_climb(time, position, np.linalg.norm(level, axis=1), origin)
+    part = np.divide(most, climb, out=np.ones_like(climb), where=climb > most)
+    velocity = level + part[:, np.newaxis] * (velocity - level)
     second = 2.0 * np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, np.newaxis]
     if len(second) == 1:
         return velocity, np.repeat(second, 3, axis=0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
-from radar_sense.model.track import attitude_from_motion, hovering, over_ground
+from radar_sense.model.track import attitude_from_motion, hovering, largest_climb, over_ground
 from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, real_array, slices
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ class Route(ReadOnly):
 
         A limit of 0 would flatten a top that the samples show. The limits do not apply where five
         consecutive second differences have one sign and are within a factor of two of each other. A
-        wave needs some 15 samples a period for this.
+        wave needs some 15 samples a period for this. `largest_climb` limits the slope everywhere.
         """
         from scipy.interpolate import CubicHermiteSpline, CubicSpline  # takes 0.3 s to import
 
@@ -127,6 +127,10 @@ class Route(ReadOnly):
             top = ((low > 0) & (high <= 2.0 * low)) | ((high < 0) & (low >= 2.0 * high))
             inner = slice(_TOP_DIFFERENCES // 2 + 1, -(_TOP_DIFFERENCES // 2 + 1))
             limited[inner] = np.where(top, rate[inner], limited[inner])
+        position = self.aircraft[:, POSITION]
+        level = over_ground(self.spline(time, 1), position, self.origin)
+        most = largest_climb(time, position, np.linalg.norm(level, axis=1), self.origin)
+        limited = np.clip(limited, -most, most)
         return CubicHermiteSpline(time, height, limited)
 
 
@@ -210,7 +214,7 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
     """Return a route at times (n,) [s] within its own, increasing, by a method of `resample`."""
     if len(route.time_s) == 1:
         return route
-    motion = _legs if method == "legs" else _smooth
+    motion = legs if method == "legs" else _smooth
     asked = time
     if not route.attitude_given:  # where it hovers, the course is that of arrival, or of departure
         time = np.unique(np.concatenate([asked, route.time_s, *_beside_stops(route)]))
@@ -256,7 +260,7 @@ def _lengths(route: Route, start: FloatArray, end: FloatArray, method: str) -> F
     They are the limit of chords by L. F. Richardson's extrapolation. With 16 chords, half a turn
     between two rows is off by a millionth. A leg on the earth bends less, and has four.
     """
-    motion, parts = (_legs, 4) if method == "legs" else (_smooth, 16)
+    motion, parts = (legs, 4) if method == "legs" else (_smooth, 16)
     lengths = np.empty(len(start))
     for block in slices(len(start)):
         steps = (end - start)[block, np.newaxis] * np.linspace(0.0, 1.0, parts + 1)
@@ -289,18 +293,31 @@ def _leg(times: FloatArray, at: FloatArray) -> tuple[NDArray[np.intp], FloatArra
     return leg, (at - times[leg]) / (times[leg + 1] - times[leg])
 
 
-def _legs(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return position, velocity and acceleration (n, 3) on straight legs."""
+def legs(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return position, velocity and acceleration (n, 3) on legs of constant speed over ground."""
     leg, fraction = _leg(route.time_s, at)
     waypoints = route.aircraft[:, POSITION]
-    velocity = (np.diff(waypoints, axis=0) / np.diff(route.time_s)[:, np.newaxis])[leg]
-    position = waypoints[leg] + velocity * (at - route.time_s[leg])[:, np.newaxis]
+    chord, step = np.diff(waypoints, axis=0)[leg], np.diff(route.time_s)[leg]
+    if route.origin is None:
+        velocity = chord / step[:, np.newaxis]
+        position = waypoints[leg] + velocity * (at - route.time_s[leg])[:, np.newaxis]
+        return position, velocity, np.zeros_like(velocity)
+    place = geodesy.geodetic_from_ned(waypoints, route.origin)
+    height = place[:, 2]
+    climb = (np.diff(height) / np.diff(route.time_s))[leg]
+    height = height[leg] + fraction * (height[leg + 1] - height[leg])
+    # Seen from the centre of the earth the aircraft turns evenly. The law of cosines has the angle
+    # of a leg, and the law of sines the point of its chord below each point of it.
+    radius = np.linalg.norm(geodesy.ecef_from_geodetic(place), axis=-1)
+    start, end = radius[leg], radius[leg + 1]
+    square = np.sum(chord * chord, axis=1) - (end - start) ** 2
+    angle = 2.0 * np.arcsin(np.sqrt(np.clip(square / (4.0 * start * end), 1e-18, 1.0)))
+    flown, left = start * np.sin(fraction * angle), end * np.sin((1.0 - fraction) * angle)
+    position = waypoints[leg] + chord * (flown / (flown + left))[:, np.newaxis]
+    growth = start * end * angle * np.sin(angle) / (flown + left) ** 2
+    velocity = chord * (growth / step)[:, np.newaxis]
     acceleration = np.zeros_like(velocity)
-    if route.origin is not None:
-        height = geodesy.geodetic_from_ned(waypoints, route.origin)[:, 2]
-        climb = (np.diff(height) / np.diff(route.time_s))[leg]
-        height = height[leg] + fraction * (height[leg + 1] - height[leg])
-        position = _lifted(position, height, climb, velocity, acceleration, route.origin)
+    position = _lifted(position, height, climb, velocity, acceleration, route.origin)
     return position, velocity, acceleration
 
 

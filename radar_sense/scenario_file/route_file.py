@@ -39,7 +39,7 @@ from radar_sense.model.track import (
     hovering,
     motion_of_samples,
 )
-from radar_sense.model.trajectory import MIN_STEP, Route
+from radar_sense.model.trajectory import MIN_STEP, Route, legs
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.conversion import KM
 from radar_sense.scenario_file.table_file import Column, TableFile
@@ -206,7 +206,11 @@ def read_route(
     if attitude is None:
         still = hovering(time, position, origin)
         still = np.append(still[0], still)  # a row is as the step that leads to it
-        motion = motion_of_samples(time, position, origin)
+        if len(time) > 2:
+            motion = motion_of_samples(time, position, origin)
+        else:  # a leg, which follows the curve of the earth
+            states = np.hstack([position, np.zeros_like(position)])
+            motion = legs(Route(time, states, None, False, origin), time)[1:]
         attitude = attitude_from_motion(track.source, *motion, still, turn)
     elif turn is not None:
         attitude = geodesy.turned_attitude(attitude, turn)

@@ -5,6 +5,7 @@ alone would say "holds" in each of these cases.
 """
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -59,6 +60,30 @@ def check(result, probability, time, rel=0.0, near=3.0):
     error = 4.0 * highest["standard_error"] + rel * probability
     assert highest["value"] == pytest.approx(probability, abs=error)
     assert highest["time_s"] == pytest.approx(time, abs=near)
+
+
+def test_a_course_that_jumps_at_a_waypoint(tmp_path):
+    """P_D of a shield falls to the waypoint, and jumps there: by a dense grid of the legs."""
+    rows = "0,-6817,-5874,-3000\n300,-2221,-2017,-3000\n600,2307,1919,-3000\n"
+    changes = {
+        "radar": {"position_m": [-148629, 133826, 0], "constant": 0.2666, "p_fa": 1e-5},
+        "aircraft__rcs": {"model": "ellipsoid_exact", "x_m": 0.6, "y_m": 0.3, "z_m": 0.2},
+        "geometry__interpolate": {"step_s": 300},
+        "uncertainty": {
+            "aircraft": {"position_m": 1e-3, "attitude_deg": 1e-4},
+            "radar": {"medium": {"position_m": 1e-3, "constant": 1e-9}},
+        },
+        "analysis": {"level": "medium"},
+    }
+    s = rs.load_scenario(write_path(tmp_path, f"{HEAD}\n{rows}", "turn.yaml", **changes))
+    dense = s.along(s.geometry.at(np.arange(0, 600, 0.05)))
+    limit = float(np.mean(dense.p_d()[[5990, 6000]]))
+    above = np.flatnonzero(dense.p_d() > limit) * 0.05
+    (jump,) = np.flatnonzero(np.diff(above) > 1)
+    expected = [above[0], above[jump], above[jump + 1], above[-1]]
+    found = analyses.variance(s, threshold=limit)
+    spans = re.findall(r"[\d.]+", found.report[0].partition(" s:")[0])
+    assert [float(end) for end in spans] == pytest.approx(expected, abs=1.5)
 
 
 @pytest.mark.parametrize("rows", ["0,-110000,100020,0\n1100,30000,100020,0\n", "short"])

@@ -251,7 +251,7 @@ def test_legs_follow_the_curve_of_the_earth():
     back = wgs84.geodetic_from_ned(found.aircraft[:, :3], (0.0, 0.0, 0.0))
     np.testing.assert_allclose(back[:, 0], 0.0, atol=1e-15)
     np.testing.assert_allclose(back[:, 2], np.linspace(5e3, 6e3, 11), atol=1e-7)
-    np.testing.assert_allclose(back[:, 1], np.linspace(0, 10, 11) * DEG, atol=1e-4)
+    np.testing.assert_allclose(back[:, 1], np.linspace(0, 10, 11) * DEG, atol=1e-12)
     turns = np.swapaxes(wgs84.turn_to_origin(back, (0.0, 0.0, 0.0)), -1, -2)
     roll, pitch, yaw = wgs84.turned_attitude(found.aircraft[:, 3:], turns).T
     np.testing.assert_allclose(roll, 0.0, atol=1e-14)
@@ -326,6 +326,27 @@ def test_a_smooth_flight_keeps_place_and_course_where_it_hovers():
     np.testing.assert_allclose(found[:, 3:], [[0, 0, np.pi / 2]] * len(found), atol=1e-12)
     between = interpolate(flight, np.array([102.5, 197.5]), "smooth").aircraft
     np.testing.assert_allclose(between[:, 2], [-300.5, -319.5], atol=0.3)
+
+
+@pytest.mark.parametrize("method", ["rows", "smooth"])
+@pytest.mark.parametrize(
+    ("north", "steepest"),
+    [
+        ([0, 200, 400, 600, 700, 700, 700, 700, 800, 1000, 1200], 0.2),  # stops and starts
+        ([0, 500, 1000, 1500, 1000, 500, 0], 0.04),  # turns back
+        ([0, 500, 1000, 1500, 1010, 510, 0], 2 / 49),  # turns back, and is a little late
+    ],
+)
+def test_the_nose_of_a_climbing_flight_stays_down_where_it_stops_or_turns_back(
+    method, north, steepest
+):
+    """2 m/s of climb throughout; the steepest leg over ground is 11 deg."""
+    time = 10.0 * np.arange(len(north))
+    columns = {"time_s": time, "north_m": north, "east_m": 0 * time, "down_m": -300 - 2 * time}
+    flight = load(columns)
+    if method == "smooth":
+        flight = interpolate(flight, np.arange(0.0, time[-1], 0.01), method)
+    assert 0 < abs(np.tan(flight.aircraft[:, 4])).max() < 3.5 * steepest
 
 
 @pytest.mark.parametrize("origin", [None, ORIGIN])

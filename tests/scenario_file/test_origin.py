@@ -282,9 +282,6 @@ def test_two_waypoints_fly_over_the_earth(tmp_path, method):
         expected = [start[2] + t / 8000 * (end[2] - start[2]) for t in s.time_s]
         np.testing.assert_allclose(heights, expected, atol=1e-5)
         assert s.time_s[-1] == 8000
-        legs = {"step_s": 130.0, "method": "legs"}
-        other = written(tmp_path, radars, rows, start, interpolate=legs, aircraft=AIRCRAFT)
-        np.testing.assert_allclose(s.aircraft, other.aircraft, rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.parametrize("origin", [None, (40.0, -105.0, 1600.0)])

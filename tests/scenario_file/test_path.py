@@ -369,6 +369,13 @@ def test_places_are_written_with_the_digits_they_need():
     assert describe_poses(top > 0, far) == "at 300, 2000000000 m"
 
 
+def test_a_distance_at_which_the_aircraft_hovers_names_no_pose():
+    flown = axis.distance(np.array([0.0, 500, 500, 900]))
+    assert [flown.pose_at(value) for value in (0.0, 900.4)] == [0, 3]
+    with pytest.raises(rs.InputError, match="several poses are at 500 m"):
+        flown.pose_at(500.0)
+
+
 LABELS = [
     ("time", 30 * 3600, "Time [s]", 1),  # as in the sentences and in the tables
     ("distance", 4000, "Distance flown [km]", 1000),

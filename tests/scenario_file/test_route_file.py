@@ -197,6 +197,12 @@ def test_the_track_along_the_equator_is_level_where_the_aircraft_is():
     np.testing.assert_allclose(yaw, np.pi / 2, atol=1e-12)
 
 
+def test_two_rows_far_apart_are_level_where_the_aircraft_is():
+    place = np.array([[0.0, 0.0, 1e4], [0.0, 0.1, 1e4]])
+    found = load(geodetic([0.0, 2500.0], place), origin=(0.0, 0.0, 0.0)).aircraft
+    np.testing.assert_allclose(found[:, 3:], [[0, 0, np.pi / 2], [0, -0.1, np.pi / 2]], atol=1e-12)
+
+
 def test_the_bank_of_a_turn_is_relative_to_the_aircrafts_level():
     speed, radius = 200.0, 10e3
     time = np.arange(0.0, 300.0, 0.5)
