@@ -128,9 +128,9 @@ def variance_along(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.maximum(variance, 0.0)
 
 
-def largest_variance(covariance: FloatArray, block: slice) -> FloatArray:
-    """Return the largest variance (k,) in any direction of some components of C (k, n, n)."""
-    return np.asarray(np.linalg.eigvalsh(covariance[:, block, block])[:, -1])
+def largest_variance(covariance: FloatArray) -> FloatArray:
+    """Return the largest variance (k,) in any direction of C (k, n, n)."""
+    return np.asarray(np.linalg.eigvalsh(covariance)[:, -1])
 
 
 def without_rounding(covariance: FloatArray) -> FloatArray:

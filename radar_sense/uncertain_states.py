@@ -26,7 +26,6 @@ from radar_sense.covariance import (
     block_square_root,
     checked,
     draws,
-    largest_variance,
     square_root,
     without_components,
 )
@@ -191,12 +190,15 @@ class UncertainStates:
 
     def sight(self, reach: float = REACH) -> NDArray[np.int8]:
         """Return whether radars (k, m) see the aircraft at errors of positions within `reach` σ."""
-        of_aircraft = reach * np.sqrt(largest_variance(self.cov_aircraft, POSITION))
         found = []
         for i, radar in enumerate(self.model.radars):
-            of_own = reach * np.sqrt(largest_variance(self.cov_radar, of_radar(i, POSITION)))
+            position = of_radar(i, POSITION)
+            covariances = (
+                self.cov_aircraft[:, POSITION, POSITION],
+                self.cov_radar[:, position, position],
+            )
             own = self.radar[:, of_radar(i)]
-            found.append(radar.sight(self.aircraft, own, of_aircraft, of_own))
+            found.append(radar.sight(self.aircraft, own, *covariances, reach))
         return np.stack(found, axis=-1)
 
     def by_sight(

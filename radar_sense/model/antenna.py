@@ -177,13 +177,22 @@ class Mask(_Directions):
         return np.asarray(elevation - lowest)
 
     def clearance_within(
-        self, aircraft: FloatArray, radar: FloatArray, error: FloatArray
+        self, aircraft: FloatArray, radar: FloatArray, error: FloatArray, up: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of `clearance` (...) if positions are off by up to a distance (...) [m]."""
+        """Return bounds of `clearance` (...) if positions are off by up to a distance (...) [m].
+
+        Of this distance no more than a part (...) [m] is upwards or downwards.
+        """
         azimuth, elevation, distance = self._direction(aircraft, radar)
-        turn, aside = (_turn(error, d) for d in (distance, distance * np.cos(elevation)))
+        across, height = distance * np.cos(elevation), distance * np.sin(elevation)
+        turn, aside = (_turn(error, of) for of in (distance, across))
         low, high = self._extremes(azimuth - aside, azimuth + aside)
-        return elevation - turn - high, elevation + turn - low
+        nearest, farthest = np.maximum(across - error, 0.0), across + error
+        below, above = height - up, height + up
+        lowest = np.arctan2(below, np.where(below > 0, farthest, nearest))
+        highest = np.arctan2(above, np.where(above > 0, nearest, farthest))
+        lowest = np.clip(lowest, elevation - turn, elevation)
+        return lowest - high, np.clip(highest, elevation, elevation + turn) - low
 
     def _extremes(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the least and the greatest elevation (...) of the mask between two azimuths (...).

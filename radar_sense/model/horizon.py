@@ -18,10 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from radar_sense.covariance import variance_along
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, check_number
-from radar_sense.model.geodesy import height_from_ned, is_place
-from radar_sense.states import FloatArray
+from radar_sense.model.geodesy import height_from_ned, is_place, turn_from_level
+from radar_sense.states import DOWN, POSITION, FloatArray
 
 #: Mean radius of the earth [m].
 EARTH_RADIUS = 6_371_000.0
@@ -71,6 +72,13 @@ class Horizon:
         if self.origin is not None:
             return height_from_ned(states, self.origin) - self.surface
         return -states[..., 2] - self.surface
+
+    def std_of_height(self, states: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Return σ of the height (k,) [m] of states (k, n), with C (k, 3, 3) of their positions."""
+        if self.origin is None:
+            return np.sqrt(covariance[:, DOWN, DOWN])
+        down = turn_from_level(states[:, POSITION], self.origin)[..., DOWN]
+        return np.sqrt(variance_along(down, covariance))
 
     def range(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         """Return R_h (...) [m] between a radar (..., 4) and an aircraft (..., 6)."""

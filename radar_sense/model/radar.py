@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense import covariance
+from radar_sense.covariance import checked, largest_variance, variance_along
 from radar_sense.errors import InputError, check_choice
 from radar_sense.limits import (
     BAND,
@@ -29,6 +29,7 @@ from radar_sense.model.horizon import Horizon, horizon_range
 from radar_sense.model.radar_constant import DataSheet, Tolerance
 from radar_sense.states import (
     CONSTANT,
+    DOWN,
     FACTOR_ERRORS,
     FACTORS,
     RADAR,
@@ -62,7 +63,7 @@ class Level(ReadOnly):
         matrix, n = read_only("radar covariance", self.covariance), len(RADAR)
         if matrix.shape != (n, n):
             raise InputError(f"radar covariance must have shape {(n, n)}, got {matrix.shape}")
-        object.__setattr__(self, "covariance", covariance.checked("radar", matrix, n))
+        object.__setattr__(self, "covariance", checked("radar", matrix, n))
         given: Any = self.tolerances
         if not isinstance(given, tuple | list) or not all(isinstance(t, Tolerance) for t in given):
             raise InputError(f"tolerances must be a tuple of Tolerance, got {given!r}")
@@ -197,23 +198,30 @@ class Radar(ReadOnly):
         self,
         aircraft: FloatArray,
         radar: FloatArray,
-        aircraft_error: FloatArray,
-        radar_error: FloatArray,
+        cov_aircraft: FloatArray,
+        cov_radar: FloatArray,
+        reach: float,
     ) -> NDArray[np.int8]:
-        """Return whether (...) aircraft are in sight, `NEVER`, `PERHAPS` or `ALWAYS`.
+        """Return whether (k,) aircraft are in sight, `NEVER`, `PERHAPS` or `ALWAYS`.
 
-        The positions of the aircraft and of the radar are off by up to some distances (...) [m].
+        The positions of the aircraft and of the radar are off by up to `reach` standard deviations,
+        with covariances (k, 3, 3), or (1, 3, 3) if they are alike.
         """
-        distance, error = slant_range(aircraft, radar), aircraft_error + radar_error
+        of_aircraft, of_radar = (np.sqrt(largest_variance(c)) for c in (cov_aircraft, cov_radar))
+        distance, error = slant_range(aircraft, radar), reach * (of_aircraft + of_radar)
         near, far = distance - error, distance + error
         may = (far >= self.min_range) & (near <= self.max_range)
         must = (near >= self.min_range) & (far <= self.max_range)
         if self.horizon is not None:
             own, other = self.horizon.height(radar), self.horizon.height(aircraft)
-            may &= near <= horizon_range(own + radar_error, other + aircraft_error)
-            must &= far <= horizon_range(own - radar_error, other - aircraft_error)
+            own_up = reach * self.horizon.std_of_height(radar, cov_radar)
+            other_up = reach * self.horizon.std_of_height(aircraft, cov_aircraft)
+            may &= near <= horizon_range(own + own_up, other + other_up)
+            must &= far <= horizon_range(own - own_up, other - other_up)
         if self.mask is not None:
-            low, high = self.mask.clearance_within(aircraft, radar, error)
+            down = self.mask.axes[:, DOWN]
+            ups = (reach * np.sqrt(variance_along(down, c)) for c in (cov_aircraft, cov_radar))
+            low, high = self.mask.clearance_within(aircraft, radar, error, np.add(*ups))
             may, must = may & (high >= 0), must & (low >= 0)
         return np.where(must, ALWAYS, np.where(may, PERHAPS, NEVER))
 

@@ -89,12 +89,12 @@ def draws_at_first(states: UncertainStates) -> NDArray[np.intp]:
     antenna. Few draws may then miss a lobe that weighs as much as a tail. σ is at most this.
     """
     with_lobes = np.zeros(len(states), dtype=bool)
-    attitude = largest_variance(states.cov_aircraft, ATTITUDE)
+    attitude = largest_variance(states.cov_aircraft[:, ATTITUDE, ATTITUDE])
     for i, radar in enumerate(states.model.radars):
         position = of_radar(i, POSITION)
         line = states.aircraft[:, POSITION] - states.radar[:, position]
-        across = largest_variance(states.cov_aircraft, POSITION)
-        across = across + largest_variance(states.cov_radar, position)
+        across = largest_variance(states.cov_aircraft[:, POSITION, POSITION])
+        across = across + largest_variance(states.cov_radar[:, position, position])
         with np.errstate(divide="ignore", invalid="ignore"):
             turned = across / np.sum(line * line, axis=1)
         with_lobes |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(attitude + turned))

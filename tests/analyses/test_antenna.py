@@ -163,33 +163,37 @@ def test_a_mask_hides_what_is_below_it(tmp_path):
     assert_allclose(p_d[seen], free.model.p_d(s.aircraft, s.radar)[seen], rtol=0)
 
 
+@pytest.mark.parametrize("origin", [None, (0.8, 0.1, 0.0)])
 @pytest.mark.parametrize("masked", [True, False])
-def test_sight_is_certain_where_it_says_so(masked):
+def test_sight_is_certain_where_it_says_so(masked, origin):
+    """Errors of a standard deviation, which are not alike in all directions."""
     rng = np.random.default_rng(7)
     mask = rs.Mask(np.deg2rad([0.0, 50.0, 180.0, 300.0]), np.deg2rad([1.0, 4.0, -2.0, 0.5]))
     model = rs.DetectionModel(rs.ConstantRCS(1.0), P_FA)
-    limits = {"max_range": 8e4, "min_range": 5e3, "horizon": rs.Horizon()}
+    limits = {"max_range": 8e4, "min_range": 5e3, "horizon": rs.Horizon(origin)}
     radar = rs.Radar(model, mask=mask if masked else None, **limits)
     n = 400
     aircraft = np.zeros((n, 6))
     aircraft[:, :2] = rng.uniform(-7e4, 7e4, (n, 2))
     aircraft[:, 2] = -(10 ** rng.uniform(1, 4.3, n))
     state = np.array([100.0, 50.0, -30.0, 50.0])
-    errors = 10 ** rng.uniform(0, 3.5, (2, n))
-    sight = radar.sight(aircraft, state, *errors)
+    roots = rng.standard_normal((2, n, 3, 3)) * 10 ** rng.uniform(-1, 3, (2, n, 3, 1))
+    covariances = roots @ np.swapaxes(roots, -1, -2)
+    own = np.tile(state, (n, 1))
+    sight = radar.sight(aircraft, own, *covariances, 1.0)
     assert {ALWAYS, NEVER} <= set(sight.tolist())
-    for _ in range(200):
-        moved, own = aircraft.copy(), np.tile(state, (n, 1))
-        for states, error in ((moved, errors[0]), (own, errors[1])):
+    for _ in range(400):
+        moved = aircraft.copy(), own.copy()
+        for states, root in zip(moved, roots, strict=True):
             way = rng.standard_normal((n, 3))
-            way /= np.linalg.norm(way, axis=1, keepdims=True)
-            states[:, :3] += way * (error * rng.uniform(0.8, 1.0, n))[:, np.newaxis]
-        visible = radar.visible(moved, own)
+            way *= rng.uniform(0.8, 1.0, (n, 1)) / np.linalg.norm(way, axis=1, keepdims=True)
+            states[:, :3] += np.einsum("nij,nj->ni", root, way)
+        visible = radar.visible(*moved)
         assert visible[sight == ALWAYS].all()
         assert not visible[sight == NEVER].any()
     # an aircraft that is farther off than away can be in any direction
     below = np.array([0.0, 0.0, 50.0, 0.0, 0.0, 0.0])
-    low, high = mask.clearance_within(below, np.zeros(4), np.array(100.0))
+    low, high = mask.clearance_within(below, np.zeros(4), *[np.array(100.0)] * 2)
     assert low <= np.deg2rad(-90 - 4)
     assert high >= np.deg2rad(90 + 2)
 
@@ -209,11 +213,14 @@ def test_a_mask_is_bounded_where_the_azimuth_may_be(first_deg):
         aside, tilt = (np.arcsin(size / d) if size < d else np.pi for d in (level, slant))
         turn = np.linspace(-1, 1, 2001) * aside
         aircraft[:, 0], aircraft[:, 1] = 1e4 * np.cos(bearing + turn), 1e4 * np.sin(bearing + turn)
-        low, high = mask.clearance_within(aircraft[1000], np.zeros(4), np.array(size))
+        low, high = mask.clearance_within(aircraft[1000], np.zeros(4), *[np.array(size)] * 2)
         around = mask.clearance(aircraft, np.zeros(4))
-        assert_allclose([low, high], [around.min() - tilt, around.max() + tilt], atol=0.02)
-        assert low <= around.min() - tilt + 1e-9
-        assert high >= around.max() + tilt - 1e-9
+        elevation = np.arctan2(-aircraft[0, 2], level)
+        down = max(-tilt, -np.pi / 2 - elevation)
+        up = min(tilt, np.pi / 2 - elevation)
+        assert_allclose([low, high], [around.min() + down, around.max() + up], atol=0.02)
+        assert low <= around.min() + down + 1e-9
+        assert high >= around.max() + up - 1e-9
 
 
 def test_a_radar_on_earth_has_its_own_vertical(tmp_path):
