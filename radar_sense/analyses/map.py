@@ -177,7 +177,8 @@ def coverage_map(
         cell_km2 = cell_km2 / cos_tilt
 
     area_km2 = float(np.sum(cell_km2))
-    areas = {f"{level:g}": float(np.sum(cell_km2[~(shown < level)])) for level in contours}
+    levels = np.array(contours)  # in double precision, as P_D is not
+    areas = {f"{level:g}": float(np.sum(cell_km2[~(shown < level)])) for level in levels}
     route = upper_bound(scenario, method, k) if upper else scenario.p_d()
     result.summary |= {
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
@@ -194,8 +195,9 @@ def coverage_map(
         "route": [float(np.fmin.reduce(route)), float(np.fmax.reduce(route))],
     }
     off = _off_by_draws(cells, method, k) if upper else {}
-    sides = {"high": "at most ", "low": "at least "}
-    most = sides[next(iter(off))] if len(off) == 1 else ""
+    many_unknown = np.count_nonzero(np.isnan(shown)) > len(scenario.model.models)
+    sides = {*off, *(["high"] if many_unknown else [])}  # unknown cells count
+    most = {"high": "at most ", "low": "at least "}[sides.pop()] if len(sides) == 1 else ""
     quantity = f"upper {k:g}-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     place = _pose_in_words(result.summary)
     result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]

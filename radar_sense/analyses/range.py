@@ -152,9 +152,10 @@ def detection_range(
     ]
     result.warnings += height_of_option(scenario, down_km)
     result.warnings += words.gathered(warnings) if names else [text for _, text in warnings]
-    if not warnings and any(np.isfinite(at.std).any() for of in ranges.values() for at in of):
-        checked = f"both ends of the band checked by draws on {rays_in_all:,} rays"
-        result.report.append(f"method: {method}, {checked}")
+    checked = sum(map(_checked, ranges.values()))
+    if not warnings and checked:
+        text = f"both ends of the band checked by draws on {checked:,} rays"
+        result.report.append(f"method: {method}, {text}")
     limits = {name: limit_of_radar(seen) for name, seen in surveys.items()}
     label = rf"band of ${k:g}\,\sigma$ ({scenario.level})"
     result.draw = partial(
@@ -168,7 +169,7 @@ def _add_bands(table: Table, at: RangeAt, label: str, of: str, k: float) -> None
     first = f"{of}Farthest slant range with P_D {at.p_d:g}; 0 where there is none."
     of_std = (
         "Standard deviation of this range; NaN where a limit comes first, and unless by linear "
-        "where a limit, or no range, is within 3 sigma."
+        "where a limit, a second range or none is within 3 sigma."
     )
     table.add(f"range_m_{label}", at.slant, first, "m")
     table.add(f"sigma_range_m_{label}", at.std, f"{of}{of_std}", "m")
@@ -208,12 +209,18 @@ def _summary(at: RangeAt) -> dict[str, Any]:
     return {
         "least_m": float(at.slant.min()),
         "greatest_m": float(at.slant.max()),
-        "largest_sigma_m": float(np.nanmax(at.std, initial=0.0)),
+        "largest_sigma_m": float(np.fmax.reduce(at.std)),
         "limited": int(np.count_nonzero(at.reach.limited)),
         "none": int(np.count_nonzero(at.slant == 0)),
         "no_value": int(np.count_nonzero(np.isnan([at.std, at.lower, at.upper]).any(axis=0))),
         "share": at.shares(),
     }
+
+
+def _checked(of_radar: Sequence[RangeAt]) -> int:
+    """Return the number of rays with a band at every P_D."""
+    bands = [np.isfinite(at.upper - at.lower) & (at.upper > 0) for at in of_radar]
+    return int(np.count_nonzero(np.all(bands, axis=0)))
 
 
 def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
@@ -261,7 +268,7 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     """Describe where there is no range, where a limit comes first, and where P_D rises again."""
     none, limited, edges = at.slant == 0, at.reach.limited, at.reach.edges
     sigma = np.where(at.reach.endless, 0.0, at.std)  # said below
-    why = "a limit, the end of the search, or no range is within 3 sigma"
+    why = "a limit, the end of the search, a second range or none is within 3 sigma"
     values = {
         f"sigma has no value {{}}, see the bounds: {why}": sigma,
         "the lower bound has no value {}": at.lower,

@@ -174,6 +174,7 @@ def _reach(
             if leaves(north[[0, -1]], east) or leaves(north, east[[0, -1]]):
                 inside = number
         except InputError:  # beyond the edge of the earth
+            reaches = reaches[: number - 1]
             break
     return float(reaches[inside]) if inside < len(reaches) else least
 

@@ -15,6 +15,7 @@ from radar_sense.coverage.rays import (
     FARTHEST,
     INSIDE,
     NEAREST,
+    STRIDE,
     Rays,
     Reach,
     Survey,
@@ -40,6 +41,8 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 ERROR_OF_STD = 1.0 / math.sqrt(2.0 * FURTHER)
 #: Relative step of the distance for the slope of P_D along a ray. The error is the square.
 _STEP = 1e-5
+#: Draws that look for a range beyond an end of a band, at every sample of some.
+LOOKS = 128
 #: Draws at both sides of an end of a band, and more where these do not tell whether it is between.
 DRAWS = FURTHER, PRECISE, MANY
 #: Part of itself by which the end of a band may be off.
@@ -57,7 +60,7 @@ class RangeAt:
         reach: Distance along each ray.
         slant: Slant range; 0 where P_D is nowhere as high.
         std: Standard deviation; NaN where a limit of the radar comes first or cuts the band off,
-            or there is no range.
+            where P_D passes the value several times within the band, or there is no range.
         lower: Lower bound at Φ(−k).
         upper: Upper bound at Φ(k).
         by_source: Standard deviation from each source alone, to first order.
@@ -100,8 +103,11 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         middle, limit = around.slant_range(distance), limit_of_radar(seen)
         lower, upper = (np.clip(middle + sign * k * std, 0.0, limit) for sign in (-1, 1))
         ends = zip((lower, upper), (-k, k), strict=True)
-        confirmed = [_confirmed(around, _along(around, end), value, beta) for end, beta in ends]
-        unreliable = exists & ~np.all(confirmed, axis=0)
+        along = {beta: _along(around, end) for end, beta in ends}
+        confirmed = [_confirmed(around, end, value, beta) for beta, end in along.items()]
+        hidden = ~exists & (_hidden(seen, value, method, k) > 0)
+        unreliable = exists & ~np.all(confirmed, axis=0) | hidden
+        unreliable |= _farther(seen, along[k], value, k) > 0
     else:
         lower, upper, std, unreliable = _band(seen, value, method, k)
     defined = exists & ~reach.limited & ~reach.endless
@@ -124,18 +130,42 @@ def _band(
     nowhere = np.flatnonzero(np.any([end == 0 for end in ends.values()], axis=0))
     if nowhere.size:
         hidden[nowhere] = _hidden(seen.part(nowhere), value, smooth, k)
+    rises = np.zeros(len(seen.p_d), dtype=bool)
     for beta, end in ends.items():
-        wrong = np.where(end == 0, hidden > 0, ~_confirmed(around, end, value, beta))
+        farther, confirmed = _farther(seen, end, value, beta), _confirmed(around, end, value, beta)
+        rises |= confirmed & (farther > 0)
+        wrong = np.where(end == 0, hidden > 0, ~confirmed) | (farther > 0)
         if method == AUTOMATIC:  # at a limit the end is not of the method, and errors may cross it
             wrong |= (end >= INSIDE * seen.limit) & (end > 0) & _limit_in_reach(around, end)
         rows = np.flatnonzero(wrong)
         if method == AUTOMATIC and rows.size:
-            guess = np.where(end == 0, hidden, end)[rows]
+            guess = np.where(farther > 0, farther, np.where(end == 0, hidden, end))[rows]
             end[rows], wrong[rows] = _by_draws(seen.part(rows), guess, value, beta)
         off[beta] = wrong & ~np.isnan(end)  # which is said to have no value
     lower, upper = (around.slant_range(ends[beta]) for beta in (-k, k))
     std, of_std = _std(around, ends[-WIDEST], ends[WIDEST], value, method)
+    std[rises | (ends[-WIDEST] <= seen.last_window(value))] = np.nan
     return lower, upper, std, off[-k] | off[k] | of_std
+
+
+def _farther(seen: Survey, end: FloatArray, value: float, beta: float) -> FloatArray:
+    """Return how far (n,) draws find P_D above a value beyond an end of a band; 0 if nowhere.
+
+    Errors may turn a lobe of RCS or antenna to an aircraft far beyond the range.
+    """
+    farthest = np.zeros(len(end))
+    if beta < 0 or seen.monotone:
+        return farthest
+    samples = seen.distance[::STRIDE]
+    beyond = samples > 1.05 * np.nan_to_num(end)[:, np.newaxis]
+    rays, at = np.nonzero(beyond & (samples <= seen.limit[:, np.newaxis]))
+    for draws, sign in ((LOOKS, 1.0), (FURTHER, -1.0)):  # few draws say where there is none
+        states = seen.all_rays.part(rays).at(samples[at], limits=True).states()
+        tail, error = tail_probability(states, draws, beta, value)
+        above = tail + sign * ERRORS * error > ndtr(-beta)
+        rays, at = rays[above], at[above]
+    np.maximum.at(farthest, rays, samples[at])
+    return farthest
 
 
 def _hidden(seen: Survey, value: float, method: str, k: float) -> FloatArray:
@@ -205,7 +235,7 @@ def _limit_in_reach(around: Rays, distance: FloatArray) -> NDArray[np.bool_]:
     """Return where (n,) errors may take the aircraft at some distances (n,) beyond a limit."""
     reached = np.where(np.nan_to_num(distance) > 0, distance, FARTHEST)
     at = around.at(reached, limits=True)
-    return np.asarray(at.states().sight()[:, 0] != ALWAYS)
+    return np.asarray(at.states().sight(WIDEST)[:, 0] != ALWAYS)
 
 
 def _confirmed(around: Rays, end: FloatArray, value: float, beta: float) -> NDArray[np.bool_]:

@@ -29,6 +29,8 @@ NEAREST, FARTHEST = 1.0, 5e6
 #: which the line of sight turns by more than HALF of a lobe of RCS or antenna are halved, until
 #: there are MOST_SAMPLES.
 SAMPLES, MOST_SAMPLES, HALF = 768, 6144, 0.5
+#: Factor from the minimum range to the end of a window that is found, in spite of the step.
+NARROW = 1.001
 #: Bounds of P_D change slowly along a ray, and are computed at every STRIDE-th sample. A search in
 #: a narrow window goes on by a part 1/PARTS of it.
 STRIDE, PARTS = 8, 16
@@ -193,6 +195,19 @@ class Survey:
     p_d: FloatArray
     visible: NDArray[np.bool_]
 
+    @property
+    def monotone(self) -> bool:
+        """Whether P_D falls with distance, whatever the errors are: no direction counts."""
+        (radar,) = self.all_rays.limited.radars
+        return math.isinf(min([radar.model.rcs.detail, *(f.detail for f in radar.model.factors)]))
+
+    def last_window(self, p_d: float) -> FloatArray:
+        """Return where (n,) the last distances without limits begin that reach a P_D."""
+        inside, number = self.p_d >= p_d, np.arange(len(self.distance))
+        last = np.max(np.where(inside, number, 0), axis=1)[:, np.newaxis]
+        before = np.max(np.where(inside | (number > last), 0, number), axis=1)
+        return np.asarray(self.distance[before])
+
     def part(self, rows: NDArray[np.intp]) -> Survey:
         """Return the survey of some of the rays."""
         rays = self.all_rays.part(rows)
@@ -241,7 +256,7 @@ def survey(all_rays: Rays) -> Survey:
 
 
 def _samples(all_rays: Rays) -> FloatArray:
-    """Return the distances (k,) of the samples, ascending; one is between two limits of the range.
+    """Return the distances (k,) of the samples, ascending; one is just beyond the minimum range.
 
     The line of sight turns alike on all rays, because the aircraft has one height on all of them.
     """
@@ -258,10 +273,10 @@ def _samples(all_rays: Rays) -> FloatArray:
         if not middle.size:
             break
         distance = np.sort(np.append(distance, middle))
-    if radar.min_range > 0 and radar.max_range < FARTHEST:
-        between = math.sqrt(radar.min_range * radar.max_range)
+    if radar.min_range > 0:
+        beyond = radar.min_range * math.sqrt(min(radar.max_range / radar.min_range, NARROW))
         ends = distance[:1], distance[-1:]
-        near, far = halved(*ends, lambda at: first.slant_range(at) < between)
+        near, far = halved(*ends, lambda at: first.slant_range(at) < beyond)
         distance = np.union1d(distance, np.sqrt(near * far))
     return distance
 
@@ -302,9 +317,7 @@ def first_guess(seen: Survey, value: float, beta: float) -> tuple[FloatArray, Fl
     nominal states is at or above the value in a narrow window alone, or the limits are close.
     """
     distance, reach = seen.distance, seen.reach(value, limits=False).distance
-    inside, number = seen.p_d >= value, np.arange(len(distance))
-    last = np.max(np.where(inside, number, 0), axis=1)
-    start = distance[np.max(np.where(inside | (number > last[:, np.newaxis]), 0, number), axis=1)]
+    start = seen.last_window(value)
     (radar,), per_window = seen.all_rays.limited.radars, PARTS * np.log(EXPANSIONS[0])
     step = np.where(reach > 0, np.log(np.maximum(reach, start) / start) / per_window, 1.0)
     narrow = step < 1.0

@@ -589,6 +589,60 @@ def test_a_band_within_a_narrow_window_of_the_antenna(down_km, tmp_path):
         assert exceeds(1.0005 * end) - noise <= share <= exceeds(0.9995 * end) + noise
 
 
+def tilted(folder, beam, constant, down_km, std, **radar):
+    """A radar known but for 5 % of its constant, or nothing, and its tilt by some degrees."""
+    (folder / "beam.csv").write_text("elevation_deg,gain_db\n" + "\n".join(beam.split()))
+    errors = {"position_m": 0, "constant": std * constant, "tilt_deg": 1.5 if std else 1}
+    return swerling1(
+        folder,
+        geometry__down_km=down_km,
+        radar__constant=constant,
+        radar__elevation_gain="beam.csv",
+        uncertainty={"aircraft": {"position_m": 0, "attitude_deg": 0}, "radar": {"a": errors}},
+        analysis={"level": "a"},
+        **radar,
+    )
+
+
+@pytest.mark.parametrize("constant", [4e-4, 1e-3])
+@pytest.mark.parametrize("method", ["automatic", "form"])
+def test_a_lobe_that_errors_turn_to_a_far_aircraft(tmp_path, constant, method):
+    """In rain the side lobe sees it at 2 km, and a tilted main lobe at 20 km."""
+    beam = "-5,-25 -3,-12 -1.5,-3 0,0 1.5,-3 3,-12 5,-25 90,-25"
+    rain = {"radar__attenuation_db_per_km": 0.25}
+    s = tilted(tmp_path, beam, constant, -1.2, 0.05, **rain)
+    found = on_rays(s, 0.0, method=method)
+    assert 1.5e3 < found.slant < 2.5e3
+    assert np.isnan(found.std)
+    if method == "form":
+        assert found.unreliable
+        return
+    n, rng = 200_000, np.random.default_rng(5)
+    states = s.states()
+    radars = states.radars_at(rng.standard_normal((n, states.radar_normals)))
+    for factor, above in ((0.98, True), (1.02, False)):
+        place = np.array([math.sqrt((factor * found.upper[0]) ** 2 - 1.44e6), 0, -1.2e3, 0, 0, 0])
+        share = np.mean(s.model.unchecked_p_d(place, radars) > 0.5)
+        assert (share > ndtr(-3.0)) == above
+
+
+def test_sigma_is_not_known_where_several_ranges_are_within_the_band(tmp_path):
+    """Of lobes of equal height, errors of the tilt choose the one that is farthest."""
+    beam = " ".join(f"{1.5 * i - 5},{-6 * (i % 2)}" for i in range(19))
+    found = on_rays(tilted(tmp_path, beam, 0.005, -9, 0.0), 0.0, p_d=0.7)
+    assert found.reach.edges > 1
+    assert np.isnan(found.std)
+    assert found.lower < found.slant < found.upper
+
+
+def test_a_window_beside_the_minimum_range_is_found(tmp_path):
+    """P_D is high from 20 km, and terrain hides the aircraft from 20.18 km on."""
+    (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n0,2.84\n360,2.84\n")
+    limits = {"radar__mask": "mask.csv", "radar__min_range_km": 20}
+    s = swerling1(tmp_path, radar__constant=1, **limits)
+    np.testing.assert_allclose(on_rays(s, 0.0, 90.0).slant, 1e3 / math.sin(math.radians(2.84)))
+
+
 def test_a_window_of_the_antenna_between_two_samples_is_found(tmp_path):
     """The beam of 0.4 deg crosses the height within 2 % of the distance."""
     (tmp_path / "beam.csv").write_text("elevation_deg,gain_db\n-30,-40\n-0.2,-40\n0,0\n0.2,-40\n")
