@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.errors import InputError
-from radar_sense.states import FloatArray, ReadOnly
+from radar_sense.states import FloatArray, ReadOnly, read_only
 
 #: The key of the axis of distance.
 DISTANCE = "distance_m"
@@ -40,6 +40,9 @@ class Axis(ReadOnly):
     places: str = "poses"
     meaning: str = ""
     prefix: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", read_only("axis", self.values))
 
     def __len__(self) -> int:
         return len(self.values)

@@ -368,6 +368,9 @@ def _run(
     logging.getLogger("matplotlib").setLevel(logging.CRITICAL)
     chosen = {name: value for name, value in options.items() if value not in (None, ())}
     formats = tuple(n for n in dict.fromkeys(formats) if not (no_plot and n in FORMATS))
+    swept = options.get("key")
+    if any(change.partition("=")[0] == swept for change in changes):
+        raise click.UsageError(f"--set {swept}: {analysis.name} sets this key itself")
     scenario = _scenario(config, changes)
     selected = analysis.selected(scenario, **chosen)
     on_earth = sorted({*formats}.difference(FORMATS))

@@ -75,6 +75,7 @@ class Option:
         Raises:
             InputError: If the value has another type, is out of the limit, or is another word.
         """
+        value = plain_number(value)
         if not self.multiple and self.count == 1:
             return self._checked(value)
         several = isinstance(value, Iterable) and not isinstance(value, str)

@@ -288,6 +288,9 @@ class Path(Geometry):
 
     def at(self, coordinate: FloatArray) -> Path:
         """Return the path at other times (k,) [s] within its own."""
+        first, last = self.route.time_s[[0, -1]]
+        if not np.all((coordinate >= first) & (coordinate <= last)):
+            raise InputError(f"coordinate must be times from {first:g} to {last:g} s")
         poses, covariance = interpolate(self.route, coordinate, self.method), self.covariance
         if covariance.ndim == 3 and poses.covariance is not None:
             covariance = poses.covariance

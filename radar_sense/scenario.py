@@ -31,6 +31,7 @@ from radar_sense.limits import (
     check_number,
     check_parameters,
     declared,
+    plain_number,
 )
 from radar_sense.model.geodesy import is_place
 from radar_sense.model.network import NetworkModel
@@ -356,6 +357,8 @@ class Scenario:
 
         Level, method, runs and seed stay as they are here, unless `changes` has them.
         """
+        if not isinstance(changes, Mapping):
+            raise InputError(f"changes must be values by key, got {describe(changes)}")
         source = self.source
         if source is None or not self._is_as_made:
             raise InputError(
@@ -481,6 +484,7 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
 
 def _recorded(value: Any) -> Any:
     """Return a field of a scenario for its record."""
+    value = plain_number(value)
     if isinstance(value, Mapping):
         return {key: _recorded(item) for key, item in value.items()}
     if dataclasses.is_dataclass(value):

@@ -113,7 +113,27 @@ WRONG = {
     "axis must be an Axis": lambda: path(axis="azimuth"),
     "time_s must increase from pose to pose": lambda: path(time_s=np.zeros(len(PATH.axis))),
     "origin must be latitude and longitude [rad] and height [m]": lambda: path(origin=(1, 2)),
-    "levels must have names, got 1": lambda: changed(levels={1: RADAR.levels["low"]}),
+    "levels must have names, the name of a level, up to 40 letters A to Z, digits, '_' or '-', "
+    "got 1": lambda: changed(levels={1: RADAR.levels["low"]}),
+    "levels must have names, the name of a level, up to 40 letters A to Z, digits, '_' or '-', "
+    "got '10 m, 1 dB'": lambda: changed(levels={"10 m, 1 dB": RADAR.levels["low"]}),
+    "tolerances must have a key each": lambda: level(
+        tolerances=[rs.Tolerance("loss_db", x, 0.5, -1, True) for x in (2.0, 3.0)]
+    ),
+    "key must be a name of up to": lambda: rs.Tolerance("a,b", 1, 1, 1, False),
+    "losses_db must be losses by name, got None": lambda: rs.TrackingRadar(
+        1e5, 30, 0.1, 1e6, 290, 3, 5, losses_db=None
+    ),
+    "origin must be latitude and longitude [rad] and height [m], got (1.35, 103.8, 0)": (
+        lambda: rs.Horizon((1.35, 103.8, 0))
+    ),
+    "coordinate must be times from 0 to 1": lambda: PATH.geometry.at(np.array([-1.0])),
+    "coordinate must be times": lambda: PATH.geometry.at(np.array([np.nan])),
+    "changes must be values by key, got None": lambda: PAPER.with_keys(None),
+    "mirror must be True or False, got 'no'": lambda: rs.load_rcs_table("a", mirror="no"),
+    "method must be one of linear, probit, form, montecarlo, automatic, got ''": (
+        lambda: rs.propagate_scenario(PAPER, method="")
+    ),
     "levels must be a mapping": lambda: changed(levels=np.eye(4)),
     "levels['low'] must be a Level, got array": lambda: changed(levels={"low": np.eye(4)}),
     "radar state must have shape (4,) for north, east": lambda: changed(state=np.ones(3)),
@@ -182,6 +202,26 @@ def test_numbers_in_arrays_without_axes_are_numbers():
     for wrong in (np.array(-1.0), np.array(np.nan), np.array(True), np.ones(1), np.array("1")):
         with pytest.raises(rs.InputError, match=r"^rcs must be a number greater than 0, got "):
             rs.ConstantRCS(wrong)
+
+
+def test_numbers_of_numpy_are_written_and_taken(tmp_path):
+    tolerance = rs.Tolerance("loss_db", np.int64(3), np.float32(0.5), np.int64(-1), np.bool_(True))
+    made = rs.Level(np.eye(4), tolerances=[tolerance])
+    few = dataclasses.replace(PATH.geometry, sea_level=np.float32(3))
+    s = scenario(radars=[changed(levels={"low": made})], geometry=few, correlation_s=np.int64(60))
+    result = rs.analyses.variance(s.at_poses(slice(2)), method="linear", k=np.array(2))
+    assert len(result.save(tmp_path, ())) == 2
+    found = rs.analyses.detection_range(PAPER, p_d=np.array(0.5), step_deg=90.0, method="linear")
+    assert found.summary["p_d"] == [0.5]
+
+
+def test_the_times_of_the_caller_may_change_later():
+    time, states = np.array([0.0, 100.0, 200.0]), np.zeros((3, 6)) + np.arange(3)[:, np.newaxis]
+    s = scenario(geometry=rs.Path.of(time, states))
+    time += 3600
+    assert s.axis.values.tolist() == s.time_s.tolist() == [0, 100, 200]
+    with pytest.raises(ValueError, match="read-only"):
+        s.axis.values[0] = 1
 
 
 @pytest.mark.parametrize("config", ["paper", "network", "corridor", "airport_surveillance"])

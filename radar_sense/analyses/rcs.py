@@ -163,6 +163,7 @@ def _add_extremes(
     `every` is what all elevations together are called.
     """
     poles = abs(elevation) == 90.0
+    sigma = sigma.astype(float)
     sigma[poles, 1:] = np.nan  # straight above and below there is no azimuth
     for name, value in (("largest", np.nanmax(sigma)), ("smallest", np.nanmin(sigma))):
         at = np.isclose(sigma, value, rtol=ROUNDING, atol=0.0)

@@ -49,8 +49,9 @@ def is_place(geodetic: object) -> bool:
         place = np.asarray(geodetic, dtype=float)
     except (TypeError, ValueError):
         return False
-    in_range = place.shape == (3,) and np.all(np.isfinite(place)) and abs(place[0]) <= np.pi / 2
-    return bool(in_range)
+    if place.shape != (3,) or not np.all(np.isfinite(place)):
+        return False
+    return bool(abs(place[0]) <= np.pi / 2 and abs(place[1]) <= 2 * np.pi)
 
 
 def ecef_from_geodetic(geodetic: ArrayLike) -> FloatArray:

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.covariance import checked, largest_variance, variance_along
-from radar_sense.errors import InputError, check_choice
+from radar_sense.errors import InputError, check_choice, describe
 from radar_sense.limits import (
     BAND,
+    LEVEL_NAME,
     NOT_NEGATIVE,
     POSITIVE,
     check_number,
@@ -67,6 +68,8 @@ class Level(ReadOnly):
         given: Any = self.tolerances
         if not isinstance(given, tuple | list) or not all(isinstance(t, Tolerance) for t in given):
             raise InputError(f"tolerances must be a tuple of Tolerance, got {given!r}")
+        if len({tolerance.key for tolerance in given}) < len(given):
+            raise InputError("tolerances must have a key each")
         object.__setattr__(self, "tolerances", tuple(self.tolerances))
         if self.tolerances and np.any(matrix[CONSTANT, :CONSTANT]):
             raise InputError("c_r with tolerances must not be correlated with the position")
@@ -136,8 +139,8 @@ class Radar(ReadOnly):
         given: Mapping[Any, Any] = self.levels
         limits = {factor.parameter: factor.std_limit for factor in self.model.factors}
         for name, level in given.items():
-            if not isinstance(name, str) or not name:
-                raise InputError(f"levels must have names, got {name!r}")
+            if not LEVEL_NAME.allows(name):
+                raise InputError(f"levels must have names, {LEVEL_NAME}, got {describe(name)}")
             if not isinstance(level, Level):
                 raise InputError(f"levels[{name!r}] must be a Level, got {level!r}")
             for parameter, std in level.errors.items():

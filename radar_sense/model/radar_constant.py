@@ -16,8 +16,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy.special import ndtr
 
-from radar_sense.errors import InputError
-from radar_sense.limits import ANY, NOT_NEGATIVE, Limit, check_number
+from radar_sense.errors import InputError, describe
+from radar_sense.limits import ANY, NAME, NOT_NEGATIVE, Limit, check_number
 from radar_sense.model.radar_equation import LOSSES_KEY, MOST_NEPERS, NEPERS, RADARS, Unit
 from radar_sense.states import FloatArray
 
@@ -59,6 +59,8 @@ class Tolerance:
     shared: str = ""
 
     def __post_init__(self) -> None:
+        if not NAME.allows(self.key):
+            raise InputError(f"key must be {NAME}, got {describe(self.key)}")
         check_number("value", self.value, ANY)
         check_number("std", self.std, NOT_NEGATIVE)
         check_number("power", self.power, Limit(whole=True))

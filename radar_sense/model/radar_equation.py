@@ -91,6 +91,9 @@ class _Parameters(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not isinstance(self.losses_db, Mapping):
+            raise InputError(f"losses_db must be losses by name, got {self.losses_db!r}")
+        object.__setattr__(self, "losses_db", dict(self.losses_db))
         for name, loss in self.losses_db.items():
             check_number(f"{LOSSES_KEY}.{name}", loss, LOSSES)
 

@@ -55,7 +55,7 @@ def _require_scheduler(address: str) -> None:
     try:  # a Dask client would need a minute, and print tracebacks
         parts = urlsplit(address)
         with socket.create_connection((parts.hostname, parts.port), TIMEOUT) as connection:
-            if parts.scheme != "tcp" or not connection.recv(1):
+            if address != f"tcp://{parts.netloc}" or not connection.recv(1):
                 raise ConnectionError
     except (OSError, ValueError, TypeError) as error:
         raise InputError(

@@ -191,7 +191,7 @@ def propagate_scenario(
     check_scenario(scenario)
     if p_max is not None:
         check_number("p_max", p_max, Limit(at_least=0, at_most=1))
-    return _moments(scenario.states(), method or scenario.method, beta, p_max)
+    return _moments(scenario.states(), scenario.method if method is None else method, beta, p_max)
 
 
 def band_of_scenario(

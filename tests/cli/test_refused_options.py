@@ -86,6 +86,7 @@ REFUSED = {
     "map --step-km 0.001": "allowed are 25,000,000",
     "map --step-km 5000": "longer than a side",
     "map --north-km -1e-9 1e-9 --east-km -1e-9 1e-9": "step must be",
+    "sweep radar.p_fa 1e-6 2e-6 1e-6 --set radar.p_fa=1e-5": "--set radar.p_fa: sweep sets thi",
     "variance --set radar.constant": "Error: --set radar.constant: must be KEY=VALUE\n",
     "variance --set radar.constant=x": "Error: radar.constant=x: radar.constant: must be a number",
     "variance --set name=a --set name=b": "Error: --set name=b: is given twice; give it once\n",

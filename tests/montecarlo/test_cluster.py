@@ -4,6 +4,7 @@ import socket
 import sys
 import threading
 from concurrent.futures import CancelledError
+from contextlib import suppress
 
 import pytest
 from click.testing import CliRunner
@@ -83,6 +84,21 @@ def test_a_server_that_closes_the_connection_gives_one_line():
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         threading.Thread(target=lambda: server.accept()[0].close(), daemon=True).start()
+        with pytest.raises(InputError, match=NOBODY), cluster(address):
+            pass
+
+
+def answer(server):
+    with suppress(OSError), server.accept()[0] as connection:  # the other side may be gone
+        connection.sendall(b"x")
+
+
+@pytest.mark.parametrize("more", ["/", "/x", "?a=1"])
+def test_an_address_with_a_path_is_refused(more):
+    """Dask itself would end in a traceback."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}{more}"
+        threading.Thread(target=answer, args=[server], daemon=True).start()
         with pytest.raises(InputError, match=NOBODY), cluster(address):
             pass
 

@@ -283,11 +283,17 @@ def test_paths_that_are_not_utf_8(tool):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_scenario_made_in_python():
-    """Names of levels in Python may hold any characters."""
+    """What an RCS of one's own says of itself may hold any characters."""
+
+    class Odd(rs.ConstantRCS):
+        def __repr__(self):
+            return "<script>"
+
     few = scenario(geometry__azimuth_deg=FEW)
     (radar,) = few.radars
-    named = dataclasses.replace(radar, levels={"<script>": radar.levels["medium"]})
-    html = rs.report(rs.Scenario(radars=[named], geometry=few.geometry, name="made")).html()
+    model = dataclasses.replace(radar.model, rcs=Odd(1.0))
+    odd = dataclasses.replace(radar, model=model)
+    html = rs.report(rs.Scenario(radars=[odd], geometry=few.geometry, name="made")).html()
     assert "<script" not in html.lower()
     assert "&lt;script&gt;" in html
 
