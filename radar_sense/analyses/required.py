@@ -18,7 +18,7 @@ from radar_sense.axis import Axis
 from radar_sense.command import Option
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, TARGET
-from radar_sense.propagation import METHODS, MONTE_CARLO, band_of_scenario
+from radar_sense.propagation import AUTOMATIC, METHODS, MONTE_CARLO, band_of_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.sources import sources_of
 
@@ -108,7 +108,7 @@ def _rows(required: Mapping[str, RequiredAccuracy], scenario: Scenario, axis: Ax
     return words.rows(
         (
             f"  {name.removeprefix(f'{whole}_')}" if (whole := whole_of.get(name)) else name,
-            in_words(required[name], axis),
+            in_words(required[name], axis, scenario.method),
         )
         for name in names
     )
@@ -125,13 +125,17 @@ def _by_source(required: Mapping[str, RequiredAccuracy], axis: Axis) -> dict[str
     return found
 
 
-def in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
+def in_words(accuracy: RequiredAccuracy, axis: Axis, method: str) -> str:
     """Describe the largest factor on the standard deviations of a source."""
     factor = accuracy.factor
     if factor is None and accuracy.known:
         source = f", from {accuracy.residual_from}" if accuracy.residual_from else ""
         place = axis.format(accuracy.place)
-        return f"impossible alone ({accuracy.residual:.4f} remains at {place}{source})"
+        # few draws find the worst pose
+        left = (
+            f"about {accuracy.residual:.2g}" if method == AUTOMATIC else f"{accuracy.residual:.4f}"
+        )
+        return f"impossible alone ({left} remains at {place}{source})"
     if not factor:
         return "less than a millionth" if accuracy.known else "not known"
     if np.isinf(factor):
