@@ -213,7 +213,8 @@ def places(scenario: Scenario, *, lowest: bool = False) -> FloatArray:
         for sign in (1.0, -1.0) if lowest else (1.0,):
             place = np.union1d(place, _maxima(nominal, place, turning, sign))
     place = np.union1d(place, _crossings(nominal, place))
-    return np.union1d(place, np.intersect1d(scenario.geometry.turns, place) - UNIT)
+    before = np.intersect1d(scenario.geometry.turns, place) - UNIT
+    return np.union1d(place, before[before > place[0]])
 
 
 def _rows(scenario: Scenario, *, lowest: bool) -> FloatArray:

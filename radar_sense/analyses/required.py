@@ -131,10 +131,9 @@ def in_words(accuracy: RequiredAccuracy, axis: Axis, method: str) -> str:
     if factor is None and accuracy.known:
         source = f", from {accuracy.residual_from}" if accuracy.residual_from else ""
         place = axis.format(accuracy.place)
-        # few draws find the worst pose
-        left = (
-            f"about {accuracy.residual:.2g}" if method == AUTOMATIC else f"{accuracy.residual:.4f}"
-        )
+        left = f"{accuracy.residual:.4f}"
+        if method == AUTOMATIC:  # by few draws
+            left = f"about {accuracy.residual:.2g}"
         return f"impossible alone ({left} remains at {place}{source})"
     if not factor:
         return "less than a millionth" if accuracy.known else "not known"
