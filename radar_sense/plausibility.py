@@ -28,6 +28,9 @@ from radar_sense.words import describe_poses, listed, placed, warning
 MIN_SPEED, MAX_SPEED = 3.0, 2e3
 #: Greatest bank and pitch [rad] without a warning: a level turn at twice the weight.
 STEEP = np.deg2rad(60.0)
+#: Steps that may turn by more than an angle [rad] without a warning: routes of a planner have few
+#: turns back.
+SHARP_TURNS, SHARP = 10, np.deg2rad(120.0)
 #: Greatest angle of the attitude [rad] without a warning: two turns, as of a yaw without steps. In
 #: Python angles are in radians.
 MAX_ANGLE = 4.0 * np.pi
@@ -84,7 +87,8 @@ def _speed(scenario: Scenario) -> Iterator[str]:
 def _steep(scenario: Scenario) -> Iterator[str]:
     if scenario.time_s is None:
         return
-    bank, pitch, _ = abs(level_attitude(scenario)).T
+    roll, pitch, yaw = level_attitude(scenario).T
+    bank, pitch = abs(roll), abs(pitch)
     yield from placed(
         "bank-steep",
         bank > STEEP,
@@ -99,6 +103,14 @@ def _steep(scenario: Scenario) -> Iterator[str]:
         f"the aircraft climbs or dives by up to {np.rad2deg(pitch.max()):.3g} deg",
         ": if pitch follows from the track, give the attitude of what can climb on the spot",
     )
+    turn = abs((np.diff(yaw) + np.pi) % math.tau - np.pi)
+    sharp = np.count_nonzero(turn > SHARP)
+    if sharp > SHARP_TURNS:
+        yield warning(
+            "course-noisy",
+            f"the course turns by more than {np.rad2deg(SHARP):.0f} deg in {sharp} of {len(turn)} "
+            "steps: of a recorded hover it is noise; leave out these rows, or give the attitude",
+        )
 
 
 def level_attitude(scenario: Scenario) -> FloatArray:

@@ -82,6 +82,21 @@ def test_a_climb_almost_on_the_spot(tmp_path):
     assert steep.startswith("the aircraft climbs or dives by up to 84.3 deg at all 20 poses: if")
 
 
+@pytest.mark.parametrize(("noise", "told"), [(0.3, True), (0.02, False)])
+def test_a_recorded_hover_is_noise(tmp_path, noise, told):
+    """40 s to the place, 60 s on the spot, and on; the places are off by the noise [m]."""
+    rng = np.random.default_rng(4)
+    rows = [
+        (t, 1e4 + 20 * min(t, 40) + 20 * max(0, t - 100) + noise * rng.normal(), noise * n, -900)
+        for t, n in enumerate(rng.normal(size=141))
+    ]
+    warnings = of_route(tmp_path, csv_text(HEAD, rows))
+    found = [text for text in warnings if "[course-noisy]" in text]
+    assert bool(found) == told
+    if told:
+        assert found[0].startswith("the course turns by more than 120 deg in ")
+
+
 SWAPPED = {"latitude_deg": 8.5, "longitude_deg": 47.3, "altitude_m": 400}
 
 
