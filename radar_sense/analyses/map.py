@@ -207,7 +207,7 @@ def coverage_map(
         for level, area in areas.items()
     ]
     ends = " to ".join(map(probability, result.summary["route"]))
-    result.report += [f"along the route, at the attitude of each pose, {ends}"]
+    result.report += [f"along the route, at the attitude of each pose, {most}{ends}"]
     result.warnings += height_of_option(scenario, down_km)
     result.warnings += _warnings(cells, shown, method)
     unknown = "at the route, the bound has no value" if upper else "at the route, P_D has no value"
