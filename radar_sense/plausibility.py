@@ -133,7 +133,8 @@ def _height(scenario: Scenario) -> Iterator[str]:
             "unit?",
         )
     # On a route that lands, the height is known worse than itself at some poses.
-    std = np.sqrt(np.broadcast_to(scenario.cov_aircraft[..., DOWN, DOWN], height.shape))
+    covariance = np.broadcast_to(scenario.cov_aircraft, (len(height), 6, 6))[:, POSITION, POSITION]
+    std = scenario.geometry.horizon.height_error(scenario.aircraft, covariance)
     if highest > 0 and np.all(std > height):
         yield warning(
             "uncertainty-large",

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radar_sense.covariance import variance_along
+from radar_sense.covariance import largest_variance, variance_along
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, check_number
 from radar_sense.model.geodesy import height_from_ned, is_place, turn_from_level
@@ -73,12 +73,19 @@ class Horizon:
             return height_from_ned(states, self.origin) - self.surface
         return -states[..., 2] - self.surface
 
-    def std_of_height(self, states: FloatArray, covariance: FloatArray) -> FloatArray:
-        """Return σ of the height (k,) [m] of states (k, n), with C (k, 3, 3) of their positions."""
+    def height_error(
+        self, states: FloatArray, covariance: FloatArray, reach: float = 1.0
+    ) -> FloatArray:
+        """Return by how much (k,) [m] errors of up to `reach` σ change the height of states (k, n).
+
+        The covariances of the positions are (k, 3, 3). On the round earth an error in the level
+        plane leads upwards, too.
+        """
         if self.origin is None:
-            return np.sqrt(covariance[:, DOWN, DOWN])
+            return reach * np.sqrt(covariance[:, DOWN, DOWN])
         down = turn_from_level(states[:, POSITION], self.origin)[..., DOWN]
-        return np.sqrt(variance_along(down, covariance))
+        aside = reach * reach * largest_variance(covariance)
+        return reach * np.sqrt(variance_along(down, covariance)) + aside / (2.0 * EARTH_RADIUS)
 
     def range(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         """Return R_h (...) [m] between a radar (..., 4) and an aircraft (..., 6)."""

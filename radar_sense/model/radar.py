@@ -217,8 +217,8 @@ class Radar(ReadOnly):
         must = (near >= self.min_range) & (far <= self.max_range)
         if self.horizon is not None:
             own, other = self.horizon.height(radar), self.horizon.height(aircraft)
-            own_up = reach * self.horizon.std_of_height(radar, cov_radar)
-            other_up = reach * self.horizon.std_of_height(aircraft, cov_aircraft)
+            own_up = self.horizon.height_error(radar, cov_radar, reach)
+            other_up = self.horizon.height_error(aircraft, cov_aircraft, reach)
             may &= near <= horizon_range(own + own_up, other + other_up)
             must &= far <= horizon_range(own - own_up, other - other_up)
         if self.mask is not None:

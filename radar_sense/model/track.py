@@ -67,6 +67,8 @@ def largest_climb(
     moves, steepest = (
         np.maximum(np.append(of[0], of), np.append(of, of[-1])) for of in (moves, slope)
     )
+    if len(slope) > 1:  # a climb may begin and end on the outermost legs
+        steepest[[0, -1]] = steepest[[1, -2]]
     return np.where(moves, STEEPER * steepest * ground, np.inf)
 
 

@@ -108,7 +108,8 @@ class Route(ReadOnly):
 
         A limit of 0 would flatten a top that the samples show. The limits do not apply where five
         consecutive second differences have one sign and are within a factor of two of each other. A
-        wave needs some 15 samples a period for this. `largest_climb` limits the slope everywhere.
+        wave needs some 15 samples a period for this. `largest_climb` limits the slope
+        everywhere, so that a flight does not climb at the row where it stops over ground.
         """
         from scipy.interpolate import CubicHermiteSpline, CubicSpline  # takes 0.3 s to import
 

@@ -205,6 +205,16 @@ def test_the_horizon_is_412_kilometres_for_ten_kilometres_of_height():
         assert_allclose(horizon_range(np.array(0.0), np.array(height)), exact, rtol=1e-3)
 
 
+def test_errors_in_the_level_plane_lead_upwards_on_the_round_earth():
+    horizon, states = Horizon((0.8, 0.1, 0.0)), np.zeros((1, 6))
+    error = horizon.height_error(states, np.diag([1e6, 1e6, 0.0])[np.newaxis], 8.0)
+    states[0, :2] = 8e3 * np.array([0.6, 0.8])
+    assert_allclose(horizon.height(states), error, rtol=0.01)
+    assert_array_equal(
+        Horizon().height_error(states, np.diag([1e6, 1e6, 4.0])[np.newaxis], 8.0), 16
+    )
+
+
 @pytest.mark.parametrize("round_earth", [False, True])
 def test_a_target_below_the_horizon_is_not_seen(round_earth):
     # where the ellipsoid's radius of curvature to the north is the mean radius of the earth

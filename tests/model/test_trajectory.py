@@ -349,6 +349,17 @@ def test_the_nose_of_a_climbing_flight_stays_down_where_it_stops_or_turns_back(
     assert 0 < abs(np.tan(flight.aircraft[:, 4])).max() < 3.5 * steepest
 
 
+def test_a_climb_that_begins_on_the_first_leg_has_its_slope():
+    """Rows of h = 50 m/s² t²/20, and the parabola through them is exact at both ends."""
+    time = 10.0 * np.arange(5)
+    columns = {"time_s": time, "north_m": 50 * time, "east_m": 0 * time, "down_m": -0.1 * time**2}
+    pitch = load(columns).aircraft[:, 4]
+    np.testing.assert_allclose(np.tan(pitch), 0.2 * time / 50, atol=1e-12)
+    down = 0.1 * (time - 5.0) ** 2
+    pitch = load({**columns, "down_m": down}).aircraft[:, 4]
+    np.testing.assert_allclose(np.tan(pitch), -0.2 * (time - 5.0) / 50, atol=1e-12)
+
+
 @pytest.mark.parametrize("origin", [None, ORIGIN])
 @pytest.mark.parametrize("method", ["legs", "smooth"])
 def test_the_attitude_at_a_time_is_the_same_whatever_other_times_are_asked(method, origin):
