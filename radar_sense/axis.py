@@ -105,13 +105,13 @@ def steps(start: float, stop: float, step: float, most: int) -> FloatArray:
     Raises:
         InputError: If the step does not lead to stop, or there are more than `most` numbers.
     """
-    if step == 0 or (stop - start) * step < 0 or 0 < abs(stop - start) < abs(step):
+    # Rounding must not lose the last number, as in (180 − 0)/0.1 = 1799.9999999999998.
+    last = (stop - start) / step * (1 + 1e-12) + 1e-9 if step else -1.0  # may be infinite
+    if last < 0 or (start != stop and last < 1):
         back = f"; did you mean {-step:g}?" if (stop - start) * step < 0 else ""
         raise InputError(
             f"must be a step other than 0 that leads from {start:g} to {stop:g}, got {step:g}{back}"
         )
-    # Rounding must not lose the last number, as in (180 − 0)/0.1 = 1799.9999999999998.
-    last = (stop - start) / step * (1 + 1e-12) + 1e-9  # may be infinite
     if last >= most:
         raise InputError(f"makes {np.floor(last) + 1:,.0f} values, allowed are {most:,}")
     # 3 · 0.1 = 0.30000000000000004 becomes 0.3: by 12 decimals, or by 14 digits of small numbers.

@@ -58,7 +58,15 @@ def compared(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     warnings = [f"  gone: {text}" for text in old["warnings"] if text not in new["warnings"]]
     warnings += [f"  new: {text}" for text in new["warnings"] if text not in old["warnings"]]
     lines += ["warnings:", *warnings] if warnings else []
-    return lines or [f"the two records of {old['analysis']} say the same"]
+    same = f"the two records of {old['analysis']} say the same"
+    return lines or [same if _tables(old) == _tables(new) else f"{same}, but their tables differ"]
+
+
+def _tables(record: Mapping[str, Any]) -> list[str]:
+    """Return the digests of the tables of a record."""
+    files = record.get("files")
+    named = files.items() if isinstance(files, Mapping) else ()
+    return [digest for name, digest in named if name.endswith((".csv", ".npz"))]
 
 
 def _changes(old: Any, new: Any, zero: float, path: str = "") -> Iterator[tuple[str, Any, Any]]:

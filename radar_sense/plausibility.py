@@ -403,6 +403,6 @@ def _constant(scenario: Scenario) -> Iterator[str]:
         yield warning(
             "constant-clipped",
             f"{what} is {value:.4g} with sigma {std:.4g} at the level {scenario.level}, so it "
-            f"counts as 0 in {ndtr(-value / std):.1%} of the cases, where P_D is P_fa: give "
+            f"counts as 0 in {ndtr(-value / std):.1%} of the cases, as without a signal: give "
             "tolerances in dB, or check the units",
         )

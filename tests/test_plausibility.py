@@ -182,7 +182,7 @@ IMPLAUSIBLE = [
     (
         sigma_of_constant(83.5),
         "c_r of the radar is 167 with sigma 83.5 at the level medium, so it counts as 0 in 2.3% of "
-        "the cases, where P_D is P_fa: give tolerances in dB, or check the units "
+        "the cases, as without a signal: give tolerances in dB, or check the units "
         "[constant-clipped]",
         sigma_of_constant(55),
     ),

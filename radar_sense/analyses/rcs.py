@@ -30,6 +30,8 @@ ROUNDING = 1e-9
 #: Straight above and below a model has one value if the values 0.1 deg aside, by this factor on the
 #: elevation, differ from it by less than this part.
 ASIDE, ALIKE = 89.9 / 90.0, 0.01
+#: Parts of each step of elevation of a table, between which the extremes are looked for.
+PARTS = 8
 
 
 def directions(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
@@ -105,7 +107,13 @@ def rcs(scenario: Scenario) -> Result:
     marks = _marks(model, len(azimuth))
     both = [maps[0][within], pattern(model, marks, elevation[within, np.newaxis])]
     around, first = np.unique(np.append(azimuth, marks).round(9), return_index=True)
-    _add_extremes(result, around, elevation[within], np.hstack(both)[:, first], every)
+    rows, looked = [np.hstack(both)[:, first]], elevation[within]
+    if ends is not None:  # the curve between two nodes may be beyond both
+        parts = np.rad2deg(np.linspace(ends[:-1], ends[1:], PARTS, endpoint=False)[1:]).ravel()
+        rows.append(pattern(model, around, parts[:, np.newaxis]))
+        looked = np.append(looked, parts)
+    order = np.argsort(looked)
+    _add_extremes(result, around, looked[order], np.vstack(rows)[order], every)
     low, high = decibels(np.array([seen.min(), seen.max()])).round(1) + 0.0
     extremes = seen_elevation.min(), seen_elevation.max()
     at_elevation = " to ".join(dict.fromkeys(f"{end.round(1) + 0.0}" for end in extremes))

@@ -105,7 +105,7 @@ def report(
             test if threshold or at_least else {},
         ),
         (compare, f"How far can each method be trusted here?{sample}", compared, at_k),
-        (mission, "Will the flight have been detected?", scenario, {"workers": workers}),
+        (mission, "Will the flight have been detected?", scenario, {"workers": workers, **at_k}),
         (
             detection_range,
             "How far does each radar see?",

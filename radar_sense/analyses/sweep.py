@@ -141,6 +141,8 @@ def sweep(
         low, high = words.trough(p_d, axis), words.peak(p_d, axis)
         result.summary |= {"lowest_p_d": low, "highest_p_d": high}
         result.report.append(f"by {key} the largest {words.describe_span(p_d, axis)}")
+    if len(values) > 1 and np.array_equal(extremes[1:], extremes[:-1], equal_nan=True):
+        result.report.append(f"{key} changes none of these numbers at the level {scenario.level}")
     if len(values) <= SHOWN:
         result.report += words.rows(zip(map(axis.format, values), bands, strict=True))
     result.warnings += words.gathered(found)

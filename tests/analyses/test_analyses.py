@@ -495,6 +495,21 @@ def test_the_extremes_of_an_rcs_are_found_between_the_steps_of_its_table(here):
     assert smallest.startswith("smallest RCS -10.0 dBsm at 7 of ")
 
 
+def test_the_extremes_of_an_rcs_are_found_between_the_elevations_of_its_table(here):
+    """The natural and clamped curves through the nodes swing beyond both."""
+    levels = [0, 0, 0, 0, 10, 10, 0, 0, 0]
+    rows = [
+        (a, e, level)
+        for a in range(-180, 180, 10)
+        for e, level in zip(range(-20, 21, 5), levels, strict=True)
+    ]
+    Path("rcs.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_dbsm", rows))
+    content = document(aircraft__rcs={"model": "table", "file": "rcs.csv"})
+    largest, smallest, *_ = analyses.rcs(rs.parse_scenario(yaml_text(content))).report
+    assert largest == "largest RCS 12.0 dBsm at any azimuth, elevation 2.5 deg"
+    assert smallest.startswith("smallest RCS -1.0 dBsm at any azimuth, elevation -")
+
+
 @pytest.mark.all_draws
 def test_compare_tells_methods_apart_where_p_d_is_small():
     """A bound of 1e-5 that is off by a factor of ten is off, though four digits show 0."""

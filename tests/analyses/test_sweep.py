@@ -73,11 +73,25 @@ def test_the_command_line(tool):
     assert record["command"] == ["radar-sense", *args]
 
 
+@pytest.mark.parametrize(("key", "acts"), [("low", False), ("medium", True)])
+def test_a_key_that_changes_nothing(key, acts):
+    key = f"uncertainty.radar.{key}.constant"
+    under = rs.load_scenario(None, {"geometry.azimuth_deg.step": 90})
+    report = analyses.sweep(under, key=key, start=1, stop=9, step=4, method="linear").report
+    assert (f"{key} changes none of these numbers at the level medium" in report) != acts
+
+
 def test_values_of_any_size_keep_their_digits():
     """Rounded to twelve places, 1.5e-14 would be 0."""
     for step in (1.5e-14, 0.1, 1.25e9):
         assert_allclose(steps(step, 3 * step, step, 3), [step, 2 * step, 3 * step], rtol=1e-15)
     assert steps(0.1, 0.4, 0.1, 4).tolist() == [0.1, 0.2, 0.3, 0.4]
+    for tenths in range(1, 300):  # 0.3 − 0.2 is less than 0.1
+        start = tenths / 10
+        assert steps(start, (tenths + 1) / 10, 0.1, 2).tolist() == [start, (tenths + 1) / 10]
+    for wrong in ((0, 1, 2), (0, 1, -0.1), (0, 1, 0), (1, 1, 0)):
+        with pytest.raises(InputError, match="must be a step other than 0 that leads from"):
+            steps(*wrong, 9)
     with pytest.raises(InputError, match="makes inf values, allowed are 10"):
         steps(0.0, 1e20, 1e-300, 10)
 

@@ -28,6 +28,16 @@ def test_the_scenario_and_the_numbers(tool):
     assert f"  {key}.value: {one:.6g} -> {other:.6g} ({other - one:+.3g})" in lines
 
 
+def test_tables_that_differ_alone(tool):
+    """The summary of `variance` has no bounds."""
+    records = [f"{k}/paper_variance.json" for k in (1, 3)]
+    for k in (1, 3):
+        few = ("--set", "geometry.azimuth_deg.step=90", "--no-plot", "--out", f"{k}")
+        assert tool("variance", "--method", "form", "--k", f"{k}", *few).code == 0
+    said = "the two records of variance say the same, but their tables differ\n"
+    assert tool("diff", *records).out == said
+
+
 def test_equal_records_and_warnings(tool):
     old = write(tool, "a")
     assert tool("diff", old, old).out == "the two records of budget say the same\n"
