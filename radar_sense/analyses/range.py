@@ -253,7 +253,9 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
     band = f"between {lower.removesuffix(' km')} and {upper} ({k:g} sigma)"
     shares = sorted(at.shares([widest]).items(), key=lambda item: -item[1])
     sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
-    end = f"; from {words.listed(sources)}" if sources else ""
+    # without σ the shares, to first order, do not explain the band
+    known = sources and np.isfinite(at.std[widest])
+    end = f"; from {words.listed(sources)}" if known else ""
     if alike and np.ptp(width) <= ALIKE * greatest:
         return [f"{first}, {band}{end}"]
     return [first, f"{middle}, {band}, where the band is widest, at {axis.at(widest)}{end}"]
