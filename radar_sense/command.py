@@ -89,7 +89,6 @@ class Option:
             return check_number(self.name, value, self.limit)
         if self.choices:
             check_choice(self.name, value, self.choices)
-        value = plain_number(value) if self.flag else value
         kind, allowed = (bool, "True or False") if self.flag else (str, "text")
         if not isinstance(value, kind):
             raise InputError(f"{self.name} must be {allowed}, got {describe(value)}")

@@ -31,7 +31,7 @@ from radar_sense.covariance import (
 )
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
-from radar_sense.model.radar import ALWAYS, NEVER
+from radar_sense.model.radar import ALWAYS, NEVER, Vicinity
 from radar_sense.model.radar_constant import ErrorKey, Tolerance, factors
 from radar_sense.states import (
     AIRCRAFT,
@@ -190,15 +190,13 @@ class UncertainStates:
 
     def sight(self, reach: float = REACH) -> NDArray[np.int8]:
         """Return whether radars (k, m) see the aircraft at errors of positions within `reach` σ."""
-        found = []
+        aircraft = Vicinity(self.aircraft, self.cov_aircraft[:, POSITION, POSITION], reach)
+        alike = len(self.cov_radar) == 1 and np.array_equal(self.radar[1:], self.radar[:-1])
+        rows, found = slice(1 if alike else None), []
         for i, radar in enumerate(self.model.radars):
             position = of_radar(i, POSITION)
-            covariances = (
-                self.cov_aircraft[:, POSITION, POSITION],
-                self.cov_radar[:, position, position],
-            )
-            own = self.radar[:, of_radar(i)]
-            found.append(radar.sight(self.aircraft, own, *covariances, reach))
+            own = self.radar[rows, of_radar(i)], self.cov_radar[:, position, position]
+            found.append(radar.sight(aircraft, Vicinity(*own, reach)))
         return np.stack(found, axis=-1)
 
     def by_sight(

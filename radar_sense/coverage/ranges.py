@@ -41,8 +41,9 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 ERROR_OF_STD = 1.0 / math.sqrt(2.0 * FURTHER)
 #: Relative step of the distance for the slope of P_D along a ray. The error is the square.
 _STEP = 1e-5
-#: Draws that look for a range beyond an end of a band, at every sample of some.
-LOOKS = 128
+#: Draws at a sample that look for a lobe beyond an end of a band, and the factor on the end from
+#: which on they look: nearer, P is still near that of the end.
+LOOKS, BEYOND = 128, 1.05
 #: Draws at both sides of an end of a band, and more where these do not tell whether it is between.
 DRAWS = FURTHER, PRECISE, MANY
 #: Part of itself by which the end of a band may be off.
@@ -157,7 +158,7 @@ def _farther(seen: Survey, end: FloatArray, value: float, beta: float) -> FloatA
     if beta < 0 or seen.monotone:
         return farthest
     samples = seen.distance[::STRIDE]
-    beyond = samples > 1.05 * np.nan_to_num(end)[:, np.newaxis]
+    beyond = samples > BEYOND * np.nan_to_num(end)[:, np.newaxis]
     rays, at = np.nonzero(beyond & (samples <= seen.limit[:, np.newaxis]))
     for draws, sign in ((LOOKS, 1.0), (FURTHER, -1.0)):  # few draws say where there is none
         states = seen.all_rays.part(rays).at(samples[at], limits=True).states()

@@ -114,8 +114,8 @@ class DetectionModel:
 
     Aircraft states are (..., 6): north, east, down [m], roll, pitch, yaw [rad]. Radar states are
     (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. Three errors may follow: ε of
-    the RCS, see `rcs`, multiplies σ_r by 10^(s ε/10). What those of an attenuation and of a tilt
-    do, `Attenuation` and `ElevationGain` say. The two states broadcast against each other. All
+    the RCS multiplies σ_r by 10^(s ε/10), see `rcs`. `Attenuation` and `ElevationGain` say what the
+    errors of an attenuation and of a tilt do. The two states broadcast against each other. All
     results are NaN where aircraft and radar coincide. InputError is raised if a shape does not fit,
     a state is not finite or c_r is negative.
 

@@ -81,6 +81,41 @@ class Level(ReadOnly):
         object.__setattr__(self, "errors", dict(self.errors))
 
 
+@dataclass(frozen=True, eq=False)
+class Vicinity:
+    """States, and where errors of their positions of up to `reach` standard deviations lead.
+
+    What several radars ask of an aircraft is computed once.
+
+    Attributes:
+        states: (k, 3 or more).
+        covariance: C (k, 3, 3) of the positions, or (1, 3, 3) if they are alike.
+        reach: Number of σ.
+    """
+
+    states: FloatArray
+    covariance: FloatArray
+    reach: float
+    _heights: dict[Horizon, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+
+    @functools.cached_property
+    def distance(self) -> FloatArray:
+        """The largest distance (k,) [m] from the states."""
+        return self.reach * np.sqrt(largest_variance(self.covariance))
+
+    def along(self, axis: FloatArray) -> FloatArray:
+        """Return the largest distance (k,) [m] along a direction (3,)."""
+        return self.reach * np.sqrt(variance_along(axis, self.covariance))
+
+    def heights(self, horizon: Horizon) -> tuple[FloatArray, FloatArray]:
+        """Return the least and the greatest height (k,) [m]."""
+        if horizon not in self._heights:
+            height = horizon.height(self.states)
+            error = horizon.height_error(self.states, self.covariance, self.reach)
+            self._heights[horizon] = height - error, height + error
+        return self._heights[horizon]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Radar(ReadOnly):
     """One radar at every level of its uncertainty.
@@ -197,34 +232,24 @@ class Radar(ReadOnly):
             margins["mask"] = distance * self.mask.clearance(aircraft, radar)
         return margins
 
-    def sight(
-        self,
-        aircraft: FloatArray,
-        radar: FloatArray,
-        cov_aircraft: FloatArray,
-        cov_radar: FloatArray,
-        reach: float,
-    ) -> NDArray[np.int8]:
+    def sight(self, aircraft: Vicinity, radar: Vicinity) -> NDArray[np.int8]:
         """Return whether (k,) aircraft are in sight, `NEVER`, `PERHAPS` or `ALWAYS`.
 
-        The positions of the aircraft and of the radar are off by up to `reach` standard deviations,
-        with covariances (k, 3, 3), or (1, 3, 3) if they are alike.
+        A radar that is alike at all poses may have one row.
         """
-        of_aircraft, of_radar = (np.sqrt(largest_variance(c)) for c in (cov_aircraft, cov_radar))
-        distance, error = slant_range(aircraft, radar), reach * (of_aircraft + of_radar)
+        distance = slant_range(aircraft.states, radar.states)
+        error = aircraft.distance + radar.distance
         near, far = distance - error, distance + error
         may = (far >= self.min_range) & (near <= self.max_range)
         must = (near >= self.min_range) & (far <= self.max_range)
         if self.horizon is not None:
-            own, other = self.horizon.height(radar), self.horizon.height(aircraft)
-            own_up = self.horizon.height_error(radar, cov_radar, reach)
-            other_up = self.horizon.height_error(aircraft, cov_aircraft, reach)
-            may &= near <= horizon_range(own + own_up, other + other_up)
-            must &= far <= horizon_range(own - own_up, other - other_up)
+            own, other = (of.heights(self.horizon) for of in (radar, aircraft))
+            must &= far <= horizon_range(own[0], other[0])
+            may &= near <= horizon_range(own[1], other[1])
         if self.mask is not None:
             down = self.mask.axes[:, DOWN]
-            ups = (reach * np.sqrt(variance_along(down, c)) for c in (cov_aircraft, cov_radar))
-            low, high = self.mask.clearance_within(aircraft, radar, error, np.add(*ups))
+            up = aircraft.along(down) + radar.along(down)
+            low, high = self.mask.clearance_within(aircraft.states, radar.states, error, up)
             may, must = may & (high >= 0), must & (low >= 0)
         return np.where(must, ALWAYS, np.where(may, PERHAPS, NEVER))
 

@@ -16,7 +16,7 @@ from scipy.constants import g as gravity
 from radar_sense.covariance import symmetric_square_root, without_rounding
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy
-from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, FloatArray, slices
+from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray, slices
 
 #: Below this speed over ground [m/s] from row to row an aircraft hovers: a drift shows no heading.
 HOVER = 0.1
@@ -30,38 +30,38 @@ _STEEP = 0.002
 ATTITUDE_COLUMNS = tuple(f"{name}_deg" for name in AIRCRAFT[ATTITUDE])
 
 
-def over_ground(
-    velocity: FloatArray, position: FloatArray, origin: tuple[float, ...] | None
-) -> FloatArray:
-    """Return velocities (n, 3) at positions (n, 3) without the part that climbs."""
-    if origin is None:
+def over_ground(velocity: FloatArray, down: FloatArray | None) -> FloatArray:
+    """Return velocities (n, 3) without the part along down (n, 3), None if that is (0, 0, 1)."""
+    if down is None:
         return velocity * [1.0, 1.0, 0.0]
-    down = geodesy.turn_from_level(position, origin)[..., DOWN]
     return np.asarray(velocity - np.sum(velocity * down, axis=-1, keepdims=True) * down)
 
 
-def hovering(
-    time: FloatArray, position: FloatArray, origin: tuple[float, ...] | None
-) -> NDArray[np.bool_]:
-    """Return whether the aircraft hovers (n − 1,) from row to row."""
+def velocity_on_legs(
+    time: FloatArray, position: FloatArray, down: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return velocities over ground (n − 1, 3), and rates of climb (n − 1,), from row to row."""
     velocity = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
-    return np.asarray(np.linalg.norm(over_ground(velocity, position[:-1], origin), axis=1) < HOVER)
+    level = over_ground(velocity, None if down is None else down[:-1])
+    return level, np.linalg.norm(velocity - level, axis=1)
+
+
+def hovering(time: FloatArray, position: FloatArray, down: FloatArray | None) -> NDArray[np.bool_]:
+    """Return whether the aircraft hovers (n − 1,) from row to row."""
+    level, _ = velocity_on_legs(time, position, down)
+    return np.asarray(np.linalg.norm(level, axis=1) < HOVER)
 
 
 def largest_climb(
-    time: FloatArray,
-    position: FloatArray,
-    ground: FloatArray,
-    origin: tuple[float, ...] | None,
+    time: FloatArray, position: FloatArray, ground: FloatArray, down: FloatArray | None
 ) -> FloatArray:
     """Return the largest rate of climb (n,) at rows with a speed over ground (n,).
 
     Without a limit the nose would point straight up where an aircraft that climbs stops over ground
     or turns back. A row between two legs on which it hovers has none.
     """
-    leg = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
-    level = over_ground(leg, position[:-1], origin)
-    speed, climb = np.linalg.norm(level, axis=1), np.linalg.norm(leg - level, axis=1)
+    level, climb = velocity_on_legs(time, position, down)
+    speed = np.linalg.norm(level, axis=1)
     moves = speed >= HOVER
     slope = np.divide(climb, speed, out=np.zeros_like(climb), where=moves)
     moves, steepest = (
@@ -120,7 +120,7 @@ def attitude_from_motion(
 
 
 def motion_of_samples(
-    time: FloatArray, position: FloatArray, origin: tuple[float, ...] | None = None
+    time: FloatArray, position: FloatArray, down: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Return velocity [m/s] and acceleration [m/s²] (n, 3) of sampled positions.
 
@@ -138,16 +138,16 @@ def motion_of_samples(
     Args:
         time: (n,) [s], strictly increasing, n ≥ 3.
         position: North, east, down (n, 3) [m].
-        origin: Origin of the frame; None if level is the same everywhere.
+        down: Down at the samples (n, 3); None if it is the same everywhere.
     """
     velocity = np.gradient(position, time, axis=0, edge_order=2)
     slope = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
     leading = np.vstack([slope[:1], slope])
-    against = np.sum(over_ground(velocity, position, origin) * leading, axis=1) < 0
+    against = np.sum(over_ground(velocity, down) * leading, axis=1) < 0
     velocity[against] = leading[against]
-    level = over_ground(velocity, position, origin)
+    level = over_ground(velocity, down)
     climb = np.linalg.norm(velocity - level, axis=1)
-    most = largest_climb(time, position, np.linalg.norm(level, axis=1), origin)
+    most = largest_climb(time, position, np.linalg.norm(level, axis=1), down)
     part = np.divide(most, climb, out=np.ones_like(climb), where=climb > most)
     velocity = level + part[:, np.newaxis] * (velocity - level)
     second = 2.0 * np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, np.newaxis]

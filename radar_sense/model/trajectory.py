@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
-from radar_sense.model.track import attitude_from_motion, hovering, largest_climb, over_ground
+from radar_sense.model.track import (
+    attitude_from_motion,
+    hovering,
+    largest_climb,
+    over_ground,
+    velocity_on_legs,
+)
 from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, real_array, slices
 
 if TYPE_CHECKING:
@@ -68,9 +74,17 @@ class Route(ReadOnly):
         )
 
     @cached_property
+    def down(self) -> FloatArray | None:
+        """Down at each pose (n, 3) in the frame; None without an origin, where it is (0, 0, 1)."""
+        if self.origin is None:
+            return None
+        turn = geodesy.turn_from_level(self.aircraft[:, POSITION], self.origin)
+        return np.asarray(turn[..., DOWN])
+
+    @cached_property
     def hovers(self) -> NDArray[np.bool_]:
         """Whether the aircraft hovers on each leg (n − 1,)."""
-        return hovering(self.time_s, self.aircraft[:, POSITION], self.origin)
+        return hovering(self.time_s, self.aircraft[:, POSITION], self.down)
 
     @cached_property
     def turning(self) -> Slerp:
@@ -91,10 +105,10 @@ class Route(ReadOnly):
 
         time, position = self.time_s, self.aircraft[:, POSITION]
         slope = CubicSpline(time, position)(time, 1)
-        leg = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+        leg, _ = velocity_on_legs(time, position, self.down)
         leg[self.hovers] = 0.0  # a drift shows no course
-        level = over_ground(slope, position, self.origin)
-        limited = _limited(level, over_ground(leg, position[:-1], self.origin))
+        level = over_ground(slope, self.down)
+        limited = _limited(level, leg)
         return CubicHermiteSpline(time, position, slope + (limited - level))
 
     @cached_property
@@ -129,8 +143,8 @@ class Route(ReadOnly):
             inner = slice(_TOP_DIFFERENCES // 2 + 1, -(_TOP_DIFFERENCES // 2 + 1))
             limited[inner] = np.where(top, rate[inner], limited[inner])
         position = self.aircraft[:, POSITION]
-        level = over_ground(self.spline(time, 1), position, self.origin)
-        most = largest_climb(time, position, np.linalg.norm(level, axis=1), self.origin)
+        ground = np.linalg.norm(over_ground(self.spline(time, 1), self.down), axis=1)
+        most = largest_climb(time, position, ground, self.down)
         limited = np.clip(limited, -most, most)
         return CubicHermiteSpline(time, height, limited)
 

@@ -163,7 +163,7 @@ def unreliable(
     """Return where (...) draws say that mean, σ or a bound of a method is off, or not precise.
 
     Mean and bounds are off by more than 0.005, or by more than a tenth of themselves below 0.05.
-    σ is off by more than 5 %. Differences below 2e-5 are not told. The arguments are those of
+    σ is off by more than 5 %. Differences below 2e-5 do not count. The arguments are those of
     `propagate`.
     """
     shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)

@@ -45,7 +45,7 @@ from radar_sense.scenario_file.conversion import KM
 from radar_sense.scenario_file.table_file import Column, TableFile
 from radar_sense.scenario_file.text_file import TextFile, open_text
 from radar_sense.scenario_file.track_file import PLACES, TIMES, Track, read_gpx, read_state_vectors
-from radar_sense.states import AIRCRAFT, POSITION, FloatArray, slices
+from radar_sense.states import AIRCRAFT, DOWN, POSITION, FloatArray, slices
 
 #: What the file should be, for errors.
 ROUTE_FILE = "a route file"
@@ -199,15 +199,16 @@ def read_route(
         )
     time = _times(track, stated.speed_m_s, stated.max_gap_s)
     place, attitude = track.place, track.attitude
-    position, turn = place, None
+    position, turn, down = place, None, None
     if origin is not None:
         position = geodesy.ned_from_geodetic(place, origin)
         turn = geodesy.turn_to_origin(place, origin)
+        down = turn[..., DOWN]
     if attitude is None:
-        still = hovering(time, position, origin)
+        still = hovering(time, position, down)
         still = np.append(still[0], still)  # a row is as the step that leads to it
         if len(time) > 2:
-            motion = motion_of_samples(time, position, origin)
+            motion = motion_of_samples(time, position, down)
         else:  # a leg, which follows the curve of the earth
             states = np.hstack([position, np.zeros_like(position)])
             motion = legs(Route(time, states, None, False, origin), time)[1:]

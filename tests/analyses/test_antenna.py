@@ -19,7 +19,7 @@ from scipy.stats import norm
 import radar_sense as rs
 from radar_sense.analyses.check import overview
 from radar_sense.errors import InputError
-from radar_sense.model.radar import ALWAYS, NEVER
+from radar_sense.model.radar import ALWAYS, NEVER, Vicinity
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.sources import error_budget
@@ -180,7 +180,8 @@ def test_sight_is_certain_where_it_says_so(masked, origin):
     roots = rng.standard_normal((2, n, 3, 3)) * 10 ** rng.uniform(-1, 3, (2, n, 3, 1))
     covariances = roots @ np.swapaxes(roots, -1, -2)
     own = np.tile(state, (n, 1))
-    sight = radar.sight(aircraft, own, *covariances, 1.0)
+    places = zip((aircraft, own), covariances, strict=True)
+    sight = radar.sight(*(Vicinity(*place, 1.0) for place in places))
     assert {ALWAYS, NEVER} <= set(sight.tolist())
     for _ in range(400):
         moved = aircraft.copy(), own.copy()
