@@ -557,8 +557,8 @@ def few_judging_draws(patch, first=256, most=1024):
         patch.setattr(f"radar_sense.propagation.{name}", most)
     for name in ("PRECISE", "MANY"):
         patch.setattr(f"radar_sense.acceptance.accuracy.{name}", most)
-    patch.setattr("radar_sense.coverage.ranges.DRAWS", (first, most))
-    patch.setattr("radar_sense.coverage.ranges.FURTHER", most)
+    patch.setattr("radar_sense.coverage.ranges.FIRST", first)
+    patch.setattr("radar_sense.coverage.ranges.MANY", most)
 
 
 def few_draws(patch, draws=128, replicates=2):

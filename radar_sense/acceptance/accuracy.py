@@ -333,7 +333,7 @@ class _Search:
 
         changed = scaled(self.scenario, names, factor).at(rows)
         p_max = 1.0 - limit if self.of_miss else limit
-        staged = StagedDraws(changed, self.k or 3.0, np.nan if self.k is None else p_max)
+        staged = StagedDraws.of_p_d(changed, self.k or 3.0, np.nan if self.k is None else p_max)
         return compared(staged.until(settled, draws))
 
     def _rows(self, names: tuple[str, ...], factor: float) -> NDArray[np.intp]:

@@ -155,7 +155,7 @@ def decide(
         consistent = (counts == 0) | (pdtrc(counts - 1.0, most) > ALARM)
         return (to_hold * error <= below) & consistent, to_violate * error < -below
 
-    staged = StagedDraws(scenario.states(), requirement.k, requirement.limit, first)
+    staged = StagedDraws.of_p_d(scenario.states(), requirement.k, requirement.limit, first)
     drawn = staged.until(lambda some, found: np.logical_or(*decided(some, found)), LAST, rows)
     holds, violated = decided(every, drawn)
     lower, upper = drawn.bounds[0]

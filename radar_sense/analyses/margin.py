@@ -253,7 +253,7 @@ def _bounds(free: Scenario, k: float) -> tuple[FloatArray, FloatArray, NDArray[n
         small = density(ndtri(drawn)) * PRECISION_DB / SPAN
         return drawn, errors, small, small
 
-    staged = StagedDraws(free.states(), k)
+    staged = StagedDraws.of_p_d(free.states(), k)
     drawn, confirmed, _ = judged(staged, tuple(bounds), of_margins, to_precision=automatic)
     if automatic:
         bounds = np.where(confirmed, bounds, drawn.bounds[0])

@@ -14,7 +14,7 @@ from radar_sense.axis import Axis, reached
 from radar_sense.command import OF_RADAR, Figure, Option, Result, Table, command
 from radar_sense.cost import foresee
 from radar_sense.coverage.ranges import PRECISION, RangeAt, limit_of_radar, range_at
-from radar_sense.coverage.rays import END, FARTHEST, RAY, RAY_BY_LINEAR, rays, survey
+from radar_sense.coverage.rays import END, FARTHEST, RAY, rays, survey
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.plausibility import height_of_option
@@ -27,6 +27,8 @@ from radar_sense.states import DOWN, YAW, FloatArray
 P_D = 0.5
 #: A smaller σ, as a part of the range, is rounding. And ranges that differ by less are shown alike.
 ROUNDING, ALIKE = 1e-12, 1e-6
+#: Factor by which σ to first order differs from σ where it does not explain it.
+UNLIKE = 1.5
 BEARING, ASPECT = "bearing", "aspect"
 ANGLES = {
     BEARING: "Bearing from the radar, clockwise from north.",
@@ -97,8 +99,7 @@ def detection_range(
     course = None if course_deg is None else math.radians(course_deg)
     singles = single_radar_scenarios(scenario) or {"": scenario}
     rays_in_all = len(angle_deg) * len(singles)
-    evaluations = rays_in_all * (RAY_BY_LINEAR if method == "linear" else RAY)
-    foresee(f"{rays_in_all:,} rays", evaluations, less="rays of a longer --step-deg")
+    foresee(f"{rays_in_all:,} rays", rays_in_all * RAY, less="rays of a longer --step-deg")
     angle = np.deg2rad(angle_deg)
     surveys = {
         name: survey(rays(single, angle, by_aspect=by == ASPECT, down=down, course=course))
@@ -168,8 +169,8 @@ def _add_bands(table: Table, at: RangeAt, label: str, of: str, k: float) -> None
     """Add the range and its band."""
     first = f"{of}Farthest slant range with P_D {at.p_d:g}; 0 where there is none."
     of_std = (
-        "Standard deviation of this range; NaN where a limit comes first, and unless by linear "
-        "where a limit, a second range or none is within 3 sigma."
+        "Standard deviation of this range, of drawn ranges unless by linear; NaN where there is "
+        "none, at the end of the search, and by linear where a limit comes first."
     )
     table.add(f"range_m_{label}", at.slant, first, "m")
     table.add(f"sigma_range_m_{label}", at.std, f"{of}{of_std}", "m")
@@ -253,9 +254,10 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
     band = f"between {lower.removesuffix(' km')} and {upper} ({k:g} sigma)"
     shares = sorted(at.shares([widest]).items(), key=lambda item: -item[1])
     sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
-    # without σ the shares, to first order, do not explain the band
-    known = sources and np.isfinite(at.std[widest])
-    end = f"; from {words.listed(sources)}" if known else ""
+    # to first order sources do not explain σ across limits and lobes
+    first_order = math.hypot(*(std[widest] for std in at.by_source.values()))
+    explained = sources and 1.0 / UNLIKE < first_order / at.std[widest] < UNLIKE
+    end = f"; from {words.listed(sources)}" if explained else ""
     if alike and np.ptp(width) <= ALIKE * greatest:
         return [f"{first}, {band}{end}"]
     return [first, f"{middle}, {band}, where the band is widest, at {axis.at(widest)}{end}"]
@@ -269,18 +271,15 @@ def _km(distance: float) -> str:
 def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     """Describe where there is no range, where a limit comes first, and where P_D rises again."""
     none, limited, edges = at.slant == 0, at.reach.limited, at.reach.edges
-    sigma = np.where(at.reach.endless, 0.0, at.std)  # said below
-    why = "a limit, the end of the search, a second range or none is within 3 sigma"
-    values = {
-        f"sigma has no value {{}}, see the bounds: {why}": sigma,
-        "the lower bound has no value {}": at.lower,
-        "the upper bound has no value {}": at.upper,
-    }
+    without = np.isnan([at.std, at.lower, at.upper]) & ~none & ~at.reach.endless
     end = f"{FARTHEST / 1e3:g} km, the end of the search"
     masks = {
         "at no range {}; sigma has no value": none & ~none.all(),
-        "the limit of the radar comes first {}; sigma has no value": limited,
-        **{text: np.isnan(value) & ~limited & ~none for text, value in values.items()},
+        "the limit of the radar comes first {}": limited & ~without[0],
+        "the limit of the radar comes first {}; sigma has no value": limited & without[0],
+        "sigma has no value {}: P_D does not fall with distance": without[0] & ~limited,
+        "the lower bound has no value {}": without[1] & ~limited,
+        "the upper bound has no value {}": without[2] & ~limited,
         f"passed several times, at up to {edges.max()} ranges, {{}}; the farthest is given": (
             edges > 1
         ),

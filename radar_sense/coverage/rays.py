@@ -18,7 +18,7 @@ from scipy.special import ndtri
 
 from radar_sense.coverage.grid import pose_in_cells, put_at_height
 from radar_sense.model import geodesy
-from radar_sense.model.geometry import slant_range
+from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, BLOCK, DOWN, POSITION, YAW, FloatArray, slices
@@ -31,13 +31,10 @@ NEAREST, FARTHEST = 1.0, 5e6
 SAMPLES, MOST_SAMPLES, HALF = 768, 6144, 0.5
 #: Factor from the minimum range to the end of a window that is found, in spite of the step.
 NARROW = 1.001
-#: Bounds of P_D change slowly along a ray, and are computed at every STRIDE-th sample. A search in
-#: a narrow window goes on by a part 1/PARTS of it.
-STRIDE, PARTS = 8, 16
 #: Halvings of a bracket. A bracket of 2 % shrinks to 1e-14 of the distance.
 HALVINGS = 42
 #: Factors by which a bracket of a bound grows, in this order.
-EXPANSIONS = (1.1, 1.1, 1.2, 1.5, 2.0, 4.0, 16.0, 256.0, 1e4, 1e6)
+EXPANSIONS = (1.01, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 4.0, 16.0, 256.0, 1e4, 1e6)
 #: Relative error of the distance that ends a search, and |z| that counts as a root. An error of z
 #: by 1e-7 is a relative error of the distance by 1e-8.
 NEAR_ENOUGH, Z_TOLERANCE = 1e-10, 1e-7
@@ -47,9 +44,8 @@ INSIDE = 1.0 - 1e-9
 END = INSIDE * FARTHEST
 #: |z| of a P_D that is 0 or 1 to rounding.
 LARGEST_PROBIT = 40.0
-#: Evaluations of P_D that take as long as a ray with its band, which draws judge or replace: by
-#: `linear`, and by any other method.
-RAY_BY_LINEAR, RAY = 10_000, 80_000
+#: Evaluations of P_D that take as long as a ray with its band, which draws judge.
+RAY = 15_000
 
 #: Function from distances (n,) to whether (n,) the ray reaches the value there.
 Reaches = Callable[[FloatArray], NDArray[np.bool_]]
@@ -195,24 +191,6 @@ class Survey:
     p_d: FloatArray
     visible: NDArray[np.bool_]
 
-    @property
-    def monotone(self) -> bool:
-        """Whether P_D falls with distance, whatever the errors are: no direction counts."""
-        (radar,) = self.all_rays.limited.radars
-        return math.isinf(min([radar.model.rcs.detail, *(f.detail for f in radar.model.factors)]))
-
-    def last_window(self, p_d: float) -> FloatArray:
-        """Return where (n,) the last distances without limits begin that reach a P_D."""
-        inside, number = self.p_d >= p_d, np.arange(len(self.distance))
-        last = np.max(np.where(inside, number, 0), axis=1)[:, np.newaxis]
-        before = np.max(np.where(inside | (number > last), 0, number), axis=1)
-        return np.asarray(self.distance[before])
-
-    def part(self, rows: NDArray[np.intp]) -> Survey:
-        """Return the survey of some of the rays."""
-        rays = self.all_rays.part(rows)
-        return Survey(rays, self.distance, self.p_d[rows], self.visible[rows])
-
     def reach(self, p_d: float, *, limits: bool = True) -> Reach:
         """Return how far the rays reach a P_D, within the limits of the radar or without limits."""
         rays = self.all_rays
@@ -256,23 +234,9 @@ def survey(all_rays: Rays) -> Survey:
 
 
 def _samples(all_rays: Rays) -> FloatArray:
-    """Return the distances (k,) of the samples, ascending; one is just beyond the minimum range.
-
-    The line of sight turns alike on all rays, because the aircraft has one height on all of them.
-    """
+    """Return the distances (k,) of the samples, ascending; one is just beyond the minimum range."""
     first, (radar,) = all_rays.part(slice(0, 1)), all_rays.limited.radars
-    distance = np.geomspace(NEAREST, FARTHEST, SAMPLES)
-    lobes = [radar.model.rcs.detail, *(f.detail for f in radar.model.factors)]
-    while len(distance) < MOST_SAMPLES:
-        line = (
-            first.states(distance[np.newaxis])[0, :, POSITION] - all_rays.scenario.radar[POSITION]
-        )
-        line /= np.linalg.norm(line, axis=1, keepdims=True)
-        turn = 2.0 * np.arcsin(0.5 * np.linalg.norm(np.diff(line, axis=0), axis=1))
-        middle = np.sqrt(distance[1:] * distance[:-1])[turn > HALF * min(lobes)]
-        if not middle.size:
-            break
-        distance = np.sort(np.append(distance, middle))
+    distance = with_lobes(all_rays, np.geomspace(NEAREST, FARTHEST, SAMPLES), HALF)
     if radar.min_range > 0:
         beyond = radar.min_range * math.sqrt(min(radar.max_range / radar.min_range, NARROW))
         ends = distance[:1], distance[-1:]
@@ -281,117 +245,83 @@ def _samples(all_rays: Rays) -> FloatArray:
     return distance
 
 
-def reach_of_quantile(seen: Survey, value: float, method: str, beta: float) -> FloatArray:
-    """Return how far (n,) the quantile of P_D at Φ(β) reaches a value, within the limits.
+def with_lobes(all_rays: Rays, distance: FloatArray, part: float) -> FloatArray:
+    """Return ascending distances (k,) and more, so that no step is longer than a part of a lobe."""
+    while len(distance) < MOST_SAMPLES:
+        middle = np.sqrt(distance[1:] * distance[:-1])[lobes_passed(all_rays, distance) > part]
+        if not middle.size:
+            break
+        distance = np.sort(np.append(distance, middle))
+    return distance
+
+
+def lobes_passed(all_rays: Rays, distance: FloatArray) -> FloatArray:
+    """Return the turn of the line of sight (k − 1,) from each distance (k,) to the next, in lobes.
+
+    It is alike on all rays, because the aircraft has one height on all of them. The RCS has its
+    lobes in the frame of the aircraft, and the antenna in that of the radar.
+    """
+    (radar,), states = all_rays.limited.radars, all_rays.part(slice(0, 1)).states(distance[None])[0]
+    line = states[:, POSITION] - all_rays.scenario.radar[POSITION]
+    passed = np.zeros(len(distance) - 1)
+    for vector, details in (
+        (line, [factor.detail for factor in radar.model.factors]),
+        (body_vector(states, all_rays.scenario.radar), [radar.model.rcs.detail]),
+    ):
+        unit = vector / np.linalg.norm(vector, axis=1, keepdims=True)
+        turn = 2.0 * np.arcsin(0.5 * np.linalg.norm(np.diff(unit, axis=0), axis=1))
+        passed = np.maximum(passed, turn / min(details, default=math.inf))
+    return passed
+
+
+def reach_of_quantile(
+    seen: Survey, value: float, method: str, beta: float, guess: FloatArray
+) -> FloatArray:
+    """Return how far (n,) the quantile of P_D at Φ(β) by a method reaches a value.
 
     The distance at which P_D falls below a value is random, because P_D is uncertain. Where P_D
     falls with distance, the random distance exceeds r if P_D at r exceeds the value. The quantiles
     of the distance are therefore the distances at which the quantiles of P_D have the value.
 
-    The quantile by `probit` costs little, and starts the search for that by the method. The
-    distance is 0 where the quantile is nowhere as high, NaN where the method has no value.
-    """
-    above = quantile_above(value, method, beta)
-    found = reach_of_bound(seen, *first_guess(seen, value, beta), seen.limit, above)
-    inside = np.where(found > 0, found * INSIDE, NEAREST)
-    found[(found > 0) & ~seen.all_rays.visible(inside)] = 0.0
-    return found
-
-
-def quantile_above(
-    value: float, method: str, beta: float
-) -> Callable[[Rays, FloatArray], FloatArray]:
-    """Return the function from rays and distances (j,) to z of the quantile less z of a value."""
-
-    def above(rays: Rays, distance: FloatArray) -> FloatArray:
-        quantile = np.clip(rays.quantile(distance, method, beta), 0.0, 1.0)
-        return np.asarray(ndtri(quantile) - ndtri(value))
-
-    return above
-
-
-def first_guess(seen: Survey, value: float, beta: float) -> tuple[FloatArray, FloatArray]:
-    """Return where (n,) the quantile by `probit` reaches a value, or comes closest, and step (n,).
-
-    The step is the power of `EXPANSIONS` to search on with. It is less than 1 where P_D of the
-    nominal states is at or above the value in a narrow window alone, or the limits are close.
-    """
-    distance, reach = seen.distance, seen.reach(value, limits=False).distance
-    start = seen.last_window(value)
-    (radar,), per_window = seen.all_rays.limited.radars, PARTS * np.log(EXPANSIONS[0])
-    step = np.where(reach > 0, np.log(np.maximum(reach, start) / start) / per_window, 1.0)
-    narrow = step < 1.0
-    if radar.min_range > 0:
-        step = np.minimum(step, np.log(radar.max_range / radar.min_range) / per_window)
-
-    distance = distance[::STRIDE]
-    samples = np.broadcast_to(distance, (len(reach), len(distance)))
-    bound = seen.all_rays.quantile(samples, "probit", beta)
-    closest = distance[np.argmax(np.nan_to_num(bound), axis=1)]
-    farthest = np.max(samples, axis=1, where=bound >= value, initial=0.0)
-    guess = np.where(farthest > 0, farthest, np.where(narrow, reach, closest))
-    return guess, np.minimum(step, 1.0)
-
-
-def reach_of_bound(
-    seen: Survey,
-    guess: FloatArray,
-    step: FloatArray,
-    limit: FloatArray,
-    above: Callable[[Rays, FloatArray], FloatArray],
-    z_tolerance: float = Z_TOLERANCE,
-    tolerance: float = NEAR_ENOUGH,
-) -> FloatArray:
-    """Return how far (n,) a bound of P_D reaches a value, up to a limit.
-
-    The distance is 0 where the bound is nowhere as high, and NaN where it is not known.
-
-    Args:
-        seen: P_D along the rays.
-        guess: Where the bound may reach the value (n,) [m].
-        step: Power (n,) of the factors by which a bracket grows.
-        limit: Largest distance (n,) [m]; 0 for a ray without any.
-        above: From j rays and distances (j,) to z of the bound less z of the value (j,), or of
-            another probability that falls with distance.
-        z_tolerance: |z| of the difference that is near enough.
-        tolerance: Relative error of the distance that is near enough.
+    The distance is within the limits of the radar. It is 0 where the quantile is nowhere as high
+    from the guess (n,) [m] inward, and NaN where the method has no value.
     """
     from scipy.optimize.elementwise import find_root  # slow to import
 
+    limit = seen.limit
+
     def excess(rows: NDArray[np.intp], distance: FloatArray) -> FloatArray:
-        """Return the difference on some rays."""
+        """Return z of the quantile less z of the value on some rays."""
         if not len(rows):
             return np.empty(0)
-        z = above(seen.all_rays.part(rows), distance)
-        return np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT)
+        quantile = np.clip(seen.all_rays.part(rows).quantile(distance, method, beta), 0.0, 1.0)
+        z = ndtri(quantile) - ndtri(value)
+        return np.asarray(np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT))
 
-    all_rows = np.arange(len(guess))
     near = np.clip(guess, NEAREST, np.maximum(limit, NEAREST))
-    at_near = excess(all_rows, near)
+    at_near = excess(np.arange(len(near)), near)
     far, at_far = near.copy(), at_near.copy()
-    # first within a narrow window, and then beyond it
-    powers = [step, np.ones_like(step)] if np.any(step < 1.0) else [step]
-    for factor in (factor**power for power in powers for factor in EXPANSIONS):
+    for factor in EXPANSIONS:
         rows = np.flatnonzero((at_near < 0) & (near > NEAREST))  # the bound is too low here
         far[rows], at_far[rows] = near[rows], at_near[rows]
-        near[rows] = np.maximum(near[rows] / factor[rows], NEAREST)
+        near[rows] = np.maximum(near[rows] / factor, NEAREST)
         at_near[rows] = excess(rows, near[rows])
         rows = np.flatnonzero((at_far >= 0) & (far < limit))
         near[rows], at_near[rows] = far[rows], at_far[rows]
-        far[rows] = np.minimum(far[rows] * factor[rows], limit[rows])
+        far[rows] = np.minimum(far[rows] * factor, limit[rows])
         at_far[rows] = excess(rows, far[rows])
     reach = np.where(at_near < 0, 0.0, far)  # `far` is the limit if the bound is high enough there
-    unknown = np.isnan(at_near) | np.isnan(at_far)
     rows = np.flatnonzero((at_near >= 0) & (at_far < 0))
     root = find_root(
         lambda x, row: excess(row, np.exp(x)),
         (np.log(near[rows]), np.log(far[rows])),
         args=(rows,),
-        tolerances={"xatol": tolerance, "fatol": z_tolerance},
+        tolerances={"xatol": NEAR_ENOUGH, "fatol": Z_TOLERANCE},
     )
     reach[rows] = np.exp(root.x)
-    reach[unknown] = np.nan
-    reach[limit == 0] = 0.0
+    reach[np.isnan(at_near) | np.isnan(at_far)] = np.nan
+    inside = np.where(reach > 0, reach * INSIDE, NEAREST)
+    reach[(limit == 0) | (reach > 0) & ~seen.all_rays.visible(inside)] = 0.0
     return reach
 
 

@@ -40,6 +40,7 @@ def judged(
     read: Callable[[Estimate], tuple[FloatArray, ...]],
     *,
     to_precision: bool,
+    most: int | None = None,
 ) -> tuple[Estimate, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return what draws say of P_D, where (k,) they confirm two values, and where one is off.
 
@@ -76,7 +77,7 @@ def judged(
         confirmed, off, better = compared(rows, found)
         return confirmed | (better if to_precision else off)
 
-    drawn = staged.until(settled, LAST if to_precision else MANY)
+    drawn = staged.until(settled, most or (LAST if to_precision else MANY))
     confirmed, off, _ = compared(slice(None), drawn)
     return drawn, confirmed, off
 
@@ -133,7 +134,7 @@ class Automatic(Distribution):
     ) -> None:
         super().__init__(states)
         self.p_max, self._form = p_max, form or Form(states)
-        self._staged = cache(lambda beta: StagedDraws(states, beta, p_max))
+        self._staged = cache(lambda beta: StagedDraws.of_p_d(states, beta, p_max))
         self._band = cache(partial(_judged_band, self._form, self._staged))
 
     def quantile(self, beta: float) -> FloatArray:

@@ -8,8 +8,9 @@ from pose to pose.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,9 @@ DRAWS = 1024
 STRATUM = 0.5
 #: A share of draws that is less than 1 by this is all of them, but for the rounding of weights.
 ROUNDING = 1e-12
+
+#: From j of the poses, and states (j, n, 6) and (j, n, 7m) at each of them, to values (j, n).
+Function: TypeAlias = Callable[[slice, FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +107,15 @@ def estimate(
     return found
 
 
+def estimate_of(function: Function, states: UncertainStates, draws: int, beta: float) -> Estimate:
+    """Return what draws say of a function of the states, in the place of P_D."""
+    n = 1 if states.certain else draws
+    mixture = None if n == 1 else Mixture.of(states, beta)
+    found = _estimate(*_draw(states, mixture, n, function), beta, np.nan)
+    found.draws[:] = draws
+    return found
+
+
 def tail_probability(
     states: UncertainStates, draws: int, beta: float, value: float, *, plain: bool = False
 ) -> tuple[FloatArray, FloatArray]:
@@ -128,20 +141,20 @@ def _drawn(
         for block in part.blocks(2 * n):  # P_D and weights
             rows = slice(done, done + len(block))
             mixture = None if plain or n == 1 else Mixture.of(block, beta)
-            p_d, weights, towards = _draw(block, mixture, n)
+            p_d, weights, towards = _draw(block, mixture, n, _p_d(block))
             yield poses[rows], either(p_d, by_others[rows, np.newaxis]), weights, towards
             done = rows.stop
 
 
 def _draw(
-    states: UncertainStates, mixture: Mixture | None, draws: int
+    states: UncertainStates, mixture: Mixture | None, draws: int, function: Function
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return P_D (k, n), weights (k, n), and how far draws are towards two centres (2, k, n).
+    """Return values (k, n), weights (k, n), and how far draws are towards two centres (2, k, n).
 
     Each of the parts of `DRAWS` draws is a whole mixture.
     """
-    p_d, towards = np.empty((len(states), draws)), np.zeros((2, len(states), draws))
-    weights = np.full(p_d.shape, 1.0 / draws)
+    values, towards = np.empty((len(states), draws)), np.zeros((2, len(states), draws))
+    weights = np.full(values.shape, 1.0 / draws)
     rng, d = random_stream(states.seed, Stream.EMPHASIS, draws), states.normals
     size = max(1, BLOCK // DRAWS)
     for start in range(0, draws, DRAWS):
@@ -150,12 +163,17 @@ def _draw(
         for rows in slices(len(states), size):
             columns = slice(start, start + n)
             if mixture is None:
-                u = np.broadcast_to(normals, (len(p_d[rows]), d, n))
+                u = np.broadcast_to(normals, (len(values[rows]), d, n))
             else:
                 u, ratio, towards[:, rows, columns] = mixture.at(rows).draw(normals)
                 weights[rows, columns] *= ratio
-            p_d[rows, columns] = states.model.unchecked_p_d(*states.at_normals(u, rows))
-    return p_d, weights, towards
+            values[rows, columns] = function(rows, *states.at_normals(u, rows))
+    return values, weights, towards
+
+
+def _p_d(states: UncertainStates) -> Function:
+    """Return P_D as a function of the states."""
+    return lambda rows, aircraft, radar: states.model.unchecked_p_d(aircraft, radar)
 
 
 class _Strata:

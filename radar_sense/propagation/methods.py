@@ -226,7 +226,7 @@ def std_off_in_scenario(
         return np.zeros(len(std), dtype=bool)
     states = scenario.states()
     _foresee(states, draws_at_first(states))
-    return judged(StagedDraws(states, BETA), (mean, std), of_moments, to_precision=True)[2]
+    return judged(StagedDraws.of_p_d(states, BETA), (mean, std), of_moments, to_precision=True)[2]
 
 
 def no_draws(method: str) -> None:
@@ -274,9 +274,11 @@ def _unreliable(
         return np.asarray(~(moments.error <= BOUND_CHANGE))
     _foresee(states, draws_at_first(states))
     bounds = moments.lower, moments.upper
-    drawn, confirmed, _ = judged(StagedDraws(states, beta), bounds, of_bounds, to_precision=False)
+    drawn, confirmed, _ = judged(
+        StagedDraws.of_p_d(states, beta), bounds, of_bounds, to_precision=False
+    )
     off, rows = ~confirmed, np.flatnonzero(confirmed)
-    further = StagedDraws(states.at(rows), beta, first=drawn.at(rows))
+    further = StagedDraws.of_p_d(states.at(rows), beta, first=drawn.at(rows))
     of_rows = moments.mean[rows], moments.std[rows]
     off[rows] = judged(further, of_rows, of_moments, to_precision=True)[2]
     return off

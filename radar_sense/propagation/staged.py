@@ -25,21 +25,36 @@ class StagedDraws:
     What a pose gets depends on this pose alone. Another question does not draw the same again.
 
     Args:
-        states: The uncertain states of k poses.
-        beta: β of the bounds.
-        p_max: Limit whose exceedance is counted; NaN for none.
-        first: What the first stage says; None for it to be drawn.
+        draw: From poses (j,) of k, and a number of draws, to what these say of each pose.
+        at_first: Number of draws (k,) of the first stage.
     """
 
     def __init__(
-        self,
+        self, draw: Callable[[NDArray[np.intp], int], Estimate], at_first: NDArray[np.intp]
+    ) -> None:
+        self._estimate, self._at_first = draw, at_first
+        self._drawn: dict[int, Estimate] = {}
+
+    @classmethod
+    def of_p_d(
+        cls,
         states: UncertainStates,
         beta: float,
         p_max: float = np.nan,
         first: Estimate | None = None,
-    ) -> None:
-        self.states, self._beta, self._p_max, self._given = states, beta, p_max, first
-        self._drawn: dict[int, Estimate] = {}
+    ) -> StagedDraws:
+        """Return draws of P_D, see `estimate`, whose first stage may be known."""
+
+        def draw(rows: NDArray[np.intp], draws: int) -> Estimate:
+            return estimate(states.at(rows), draws, beta, p_max)
+
+        if first is None:
+            return cls(draw, draws_at_first(states))
+        staged = cls(draw, first.draws.astype(int))
+        for number in np.unique(staged._at_first).tolist():
+            rows = np.flatnonzero(first.draws == number)
+            staged._known(number).put(rows, first.at(rows))
+        return staged
 
     def until(
         self,
@@ -52,13 +67,10 @@ class StagedDraws:
         More draws, but no more than `most`, are made at poses (j,) where their estimate is not
         `settled` (j,).
         """
-        k = len(self.states)
+        k = len(self._at_first)
         rows = np.arange(k) if rows is None else rows
         drawn = Estimate.constant(k, np.nan)
-        if self._given is None:
-            self._draw(drawn, rows, draws_at_first(self.states)[rows])
-        else:
-            drawn.put(rows, self._given.at(rows))
+        self._draw(drawn, rows, self._at_first[rows])
         while rows.size:
             rows = rows[~settled(rows, drawn.at(rows))]
             report("poses looked at by draws", k - rows.size, k)
@@ -75,11 +87,15 @@ class StagedDraws:
 
     def _at(self, rows: NDArray[np.intp], draws: int) -> Estimate:
         """Return what this number of draws says at some poses, from before where it is known."""
-        known = self._drawn.setdefault(draws, Estimate.constant(len(self.states), np.nan))
+        known = self._known(draws)
         new = rows[np.isnan(known.draws[rows])]
         if new.size:
-            known.put(new, estimate(self.states.at(new), draws, self._beta, self._p_max))
+            known.put(new, self._estimate(new, draws))
         return known.at(rows)
+
+    def _known(self, draws: int) -> Estimate:
+        """Return what is known from this number of draws, NaN where nothing is, to be filled."""
+        return self._drawn.setdefault(draws, Estimate.constant(len(self._at_first), np.nan))
 
 
 def draws_at_first(states: UncertainStates) -> NDArray[np.intp]:

@@ -14,7 +14,7 @@ from scipy.special import ndtr
 import radar_sense as rs
 from radar_sense.analyses.range import detection_range
 from radar_sense.coverage.ranges import range_at
-from radar_sense.coverage.rays import FARTHEST, Survey, rays, reach_of_quantile, survey
+from radar_sense.coverage.rays import FARTHEST, Rays, Survey, rays, reach_of_quantile, survey
 from radar_sense.model.horizon import horizon_range
 from radar_sense.scenario import for_radar
 from radar_sense.scenario_file.load import parse_scenario
@@ -80,6 +80,28 @@ def bands(s, p_d, bearing_deg, draws, seed):
         more = model.p_d(states + aircraft_errors, radars) > p_d
         low, high = np.where(more, d, low), np.where(more, high, d)
     return np.hypot(low, pose[2] - radar[2])
+
+
+def plain_ranges(s, low, high, p_d=0.5, draws=10_000, steps=1000, seed=1):
+    """The farthest ranges (draws,) to the north, 0 for none, of plain draws on a flat earth."""
+    rng, states, pose = np.random.default_rng(seed), s.states(), s.aircraft[0]
+    radars = states.radars_at(rng.standard_normal((draws, states.radar_normals)))
+    errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft, draws)
+    found = np.zeros(draws)
+    for distance in np.geomspace(low, high, steps):
+        place = np.array([s.radar[0] + distance, s.radar[1], *pose[2:]])
+        inside = s.model.unchecked_p_d(place + errors, radars) >= p_d
+        found[inside] = math.hypot(distance, pose[2] - s.radar[2])
+    return found
+
+
+def assert_as_drawn(found, drawn, rel=0.01):
+    """Both bounds are within some standard errors of those of plain draws, and σ is."""
+    noise = 4 * math.sqrt(ndtr(-3) / len(drawn))
+    for end, tail in ((found.lower, ndtr(-3)), (found.upper, ndtr(3))):
+        share = [np.mean(drawn < factor * end) for factor in (1 - rel, 1 + rel)]
+        assert share[0] - noise <= tail <= share[1] + noise
+    assert found.std == pytest.approx(np.std(drawn), rel=0.07)
 
 
 @pytest.mark.parametrize("method", ["linear", "probit", "form"])
@@ -150,8 +172,6 @@ def test_no_range_and_the_end_of_the_search_are_reported():
     assert column(strong, "range_m_0.9") == pytest.approx(FARTHEST, rel=1e-3)
     assert strong.report[1:] == (
         "  P_D 0.9: over 5000 km at every bearing",
-        "  P_D 0.9: the lower bound has no value at all 4 bearings",
-        "  P_D 0.9: the upper bound has no value at all 4 bearings",
         "  P_D 0.9: still higher at 5000 km, the end of the search, at all 4 bearings; "
         "sigma has no value",
     )
@@ -190,18 +210,19 @@ def test_the_report_of_ranges_that_are_passed_several_times():
 
 
 @pytest.mark.all_draws
-@pytest.mark.parametrize(("method", "error"), [("form", 0.01), ("automatic", 0.06)])
-def test_sigma_is_that_of_the_fourth_root_of_c_r(method, error):
+@pytest.mark.parametrize("method", ["form", "automatic"])
+def test_sigma_is_that_of_the_fourth_root_of_c_r(method):
     """With a constant RCS the range is as the fourth root of c_r, here σ = 0.3 c_r."""
     certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
     certain["radar"] = {"medium": {"position_m": 0, "constant": 50.1}}
     s = scenario(uncertainty=certain, aircraft__rcs=SPHERE)
-    normal = np.linspace(-3.3, 6.0, 10_001)
+    normal = np.linspace(-6.0, 6.0, 10_001)
     weights = np.exp(-0.5 * normal**2)
-    ranges = column(detection_range(s, **QUICK), "range_m_0.5")[0] * (1 + 0.3 * normal) ** 0.25
+    nominal = column(detection_range(s, **QUICK), "range_m_0.5")[0]
+    ranges = nominal * np.maximum(1 + 0.3 * normal, 0) ** 0.25  # a c_r below 0 counts as 0
     mean = np.average(ranges, weights=weights)
     exact = math.sqrt(np.average((ranges - mean) ** 2, weights=weights))
-    assert on_rays(s, 10.0, 200.0, method=method).std == pytest.approx(exact, rel=error)
+    assert on_rays(s, 10.0, 200.0, method=method).std == pytest.approx(exact, rel=0.03)
 
 
 @pytest.mark.all_draws
@@ -250,15 +271,17 @@ def test_a_band_is_unreliable_where_one_of_its_ends_is(method):
     assert (~off)[~unsure].any()
 
 
-@pytest.mark.parametrize("part", [0.84, 0.95, 1.001])
-def test_sigma_has_no_value_where_a_blind_zone_or_limit_is_within_the_band(part):
-    """The three nodes gave half of the deviation of drawn ranges that a blind zone makes 0."""
+@pytest.mark.all_draws
+@pytest.mark.parametrize("part", [0.84, 0.98, 1.001])
+def test_a_blind_zone_or_a_limit_within_the_band_counts(part):
+    """Draws whose range is in the blind zone have none."""
     s = scenario(analysis={"level": "high"})
     slant = float(on_rays(s, 0).slant[0])
     key = "radar__max_range_km" if part > 1 else "radar__min_range_km"
-    found = on_rays(scenario(analysis={"level": "high"}, **{key: part * slant / 1e3}), 0)
+    limited = scenario(analysis={"level": "high"}, **{key: part * slant / 1e3})
+    found = on_rays(limited, 0)
     assert found.slant[0] == pytest.approx(slant)
-    assert np.isnan(found.std[0]) == (part > 0.9)
+    assert_as_drawn(found, plain_ranges(limited, 0.8 * slant, 1.1 * slant))
 
 
 @pytest.mark.all_draws
@@ -273,7 +296,7 @@ def test_a_band_of_ten_sigma_is_as_right_as_that_of_half_a_sigma(k):
         root = (1 + sign * k * 8 / 167) ** 0.25
         assert end[0] == pytest.approx(found.slant[0] * root, rel=0.01)
     assert not found.unreliable[0]
-    assert found.std[0] == pytest.approx(on_rays(s, 0).std[0], rel=1e-9)
+    assert found.std[0] == pytest.approx(on_rays(s, 0).std[0], rel=0.05)
 
 
 @pytest.mark.all_draws
@@ -404,10 +427,8 @@ def test_a_band_by_draws_ends_at_the_limit_of_the_radar():
     wide = on_rays(free, 0)
     limit = 0.5 * float(wide.slant[0] + wide.upper[0])
     s = scenario(aircraft__rcs=rcs, analysis={"level": "high"}, radar__max_range_km=limit / 1e3)
-    found = on_rays(s, 0)
-    assert not found.unreliable.any()
     # the error of the radar's position moves the limit by three times 1000 m
-    assert found.upper == pytest.approx(limit + 3e3, abs=500)
+    assert on_rays(s, 0).upper == pytest.approx(limit + 3e3, rel=0.01)
 
 
 @pytest.mark.all_draws
@@ -443,15 +464,11 @@ def test_the_band_has_the_errors_of_a_horizon(constant):
         uncertainty__aircraft={"position_m": [10, 10, 25], "attitude_deg": 1},
         uncertainty__radar={"medium": {"position_m": 1, "constant": 0.01 * constant}},
     )
-    found = on_rays(s, 0)
-    root = math.sqrt(2 * 4 / 3 * 6_371_000)
-    lower, upper = (root * (math.sqrt(100 + sign * 75) + math.sqrt(20)) for sign in (-1, 1))
-    assert found.lower == pytest.approx(lower, rel=0.015)
-    if constant == 20:
-        assert found.upper == pytest.approx(upper, rel=0.015)
-    else:
-        assert found.upper < 54e3
-    assert np.isnan(found.std).all()  # cut off by the horizon
+    height, c_r = np.random.default_rng(1).standard_normal((2, 100_000))
+    height = np.maximum(100 + 25 * height, 0)
+    horizon = math.sqrt(2 * 4 / 3 * 6_371_000) * (np.sqrt(height) + math.sqrt(20))
+    free = farthest(constant) * (1 + 0.01 * c_r) ** 0.25
+    assert_as_drawn(on_rays(s, 0), np.minimum(horizon, free))
 
 
 @pytest.mark.parametrize("metres", [80, 20_000])
@@ -489,8 +506,8 @@ def test_where_form_fails_the_bounds_are_those_of_plain_draws(metres):
 def test_a_lower_bound_is_right_or_warned_of():
     """The aircraft is nearly overhead, and few draws say little of P_D between lobes of 2 deg.
 
-    P_D is above 0.5 with the probability of the bound at 2.76 to 2.79 km, bearing 90 deg, by 3e6
-    plain draws of another program.
+    At bearing 90 deg the range is more than 4.94 to 4.99 km with the probability of the bound, by
+    100 000 plain draws.
     """
     covariance = np.array(
         [
@@ -515,7 +532,7 @@ def test_a_lower_bound_is_right_or_warned_of():
         analysis={"level": "s", "method": "automatic"},
     )
     found = on_rays(s, 90)
-    assert found.unreliable[0] or found.lower == pytest.approx(2775, rel=0.02)
+    assert found.unreliable[0] or found.lower == pytest.approx(4970, rel=0.02)
 
 
 def test_the_band_of_a_figure_has_the_bounds_of_the_table():
@@ -613,26 +630,20 @@ def test_a_lobe_that_errors_turn_to_a_far_aircraft(tmp_path, constant, method):
     s = tilted(tmp_path, beam, constant, -1.2, 0.05, **rain)
     found = on_rays(s, 0.0, method=method)
     assert 1.5e3 < found.slant < 2.5e3
-    assert np.isnan(found.std)
     if method == "form":
         assert found.unreliable
         return
-    n, rng = 200_000, np.random.default_rng(5)
-    states = s.states()
-    radars = states.radars_at(rng.standard_normal((n, states.radar_normals)))
-    for factor, above in ((0.98, True), (1.02, False)):
-        place = np.array([math.sqrt((factor * found.upper[0]) ** 2 - 1.44e6), 0, -1.2e3, 0, 0, 0])
-        share = np.mean(s.model.unchecked_p_d(place, radars) > 0.5)
-        assert (share > ndtr(-3.0)) == above
+    assert_as_drawn(found, plain_ranges(s, 1e3, 1e5))
 
 
-def test_sigma_is_not_known_where_several_ranges_are_within_the_band(tmp_path):
-    """Of lobes of equal height, errors of the tilt choose the one that is farthest."""
+@pytest.mark.all_draws
+def test_of_lobes_of_equal_height_errors_choose_the_farthest(tmp_path):
+    """Every draw has the farthest range of its own, which P_D at one distance does not say."""
     beam = " ".join(f"{1.5 * i - 5},{-6 * (i % 2)}" for i in range(19))
-    found = on_rays(tilted(tmp_path, beam, 0.005, -9, 0.0), 0.0, p_d=0.7)
+    s = tilted(tmp_path, beam, 0.005, -9, 0.0)
+    found = on_rays(s, 0.0, p_d=0.7)
     assert found.reach.edges > 1
-    assert np.isnan(found.std)
-    assert found.lower < found.slant < found.upper
+    assert_as_drawn(found, plain_ranges(s, 1e4, 1e5, p_d=0.7))
 
 
 def test_a_window_beside_the_minimum_range_is_found(tmp_path):
@@ -669,15 +680,13 @@ def test_a_window_between_two_limits_is_found():
             uncertainty={"aircraft": aircraft, "radar": errors},
             analysis={"level": "a"},
         )
-        return on_rays(s, 0.0, 90.0)
+        return s, on_rays(s, 0.0)
 
-    found = with_errors(10)
+    _, found = with_errors(10)
     np.testing.assert_allclose(found.slant, 51e3, rtol=1e-8)
     np.testing.assert_allclose(51e3 - found.lower, 3 * math.hypot(10, 5), rtol=0.5)
-    # errors of many windows: by plain draws more than 0.36 % are in it from 70 km, 0.10 % from 86
-    wide = with_errors(2e4)
-    assert np.all((wide.upper > 70e3) & (wide.upper < 86e3))
-    assert wide.unreliable.all()
+    s, wide = with_errors(2e4)  # as wide as many windows, which every draw has somewhere or nowhere
+    assert_as_drawn(wide, plain_ranges(s, 1e3, 2e5, steps=4000))
 
 
 def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
@@ -712,7 +721,7 @@ def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
 
 
 def test_a_ray_without_a_bound_is_no_error_with_an_origin(monkeypatch):
-    monkeypatch.setattr("radar_sense.coverage.rays.reach_of_bound", lambda *_: np.full(2, np.nan))
+    monkeypatch.setattr(Rays, "quantile", lambda self, at, *_: np.full_like(at, np.nan))
     s = for_radar(corridor(), "west")
     seen = survey(rays(s, np.array([0.0, 1.0]), by_aspect=False, down=None, course=None))
-    assert np.isnan(reach_of_quantile(seen, 0.5, "form", 3.0)).all()
+    assert np.isnan(reach_of_quantile(seen, 0.5, "form", 3.0, np.full(2, 1e5))).all()

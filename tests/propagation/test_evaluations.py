@@ -138,7 +138,7 @@ def test_a_first_look_is_precise_where_errors_are_wider_than_a_lobe(lobes, gain_
     model = dataclasses.replace(s.radars[0].model, rcs=SpikeballRCS(lobes, 1, 1), factors=(gain,))
     levels = {s.level: Level(np.zeros((4, 4)), errors={"tilt": np.radians(0.5)})}
     radar = dataclasses.replace(s.radars[0], model=model, levels=levels)
-    staged = StagedDraws(dataclasses.replace(s, radars=(radar,)).states(), 3.0)
+    staged = StagedDraws.of_p_d(dataclasses.replace(s, radars=(radar,)).states(), 3.0)
     assert staged.until(lambda rows, found: rows >= 0, LAST).draws.tolist() == [draws] * 2
 
 
@@ -186,7 +186,7 @@ def test_a_distribution_for_other_covariances(method):
 def test_a_second_question_gets_the_draws_that_it_would_alone():
     """Each question wants other numbers of draws at the poses."""
     states = rs.load_scenario().at_poses(slice(0, None, 100)).states()
-    staged, wanted = StagedDraws(states, 3.0), FIRST * GROWTH ** np.arange(4)
+    staged, wanted = StagedDraws.of_p_d(states, 3.0), FIRST * GROWTH ** np.arange(4)
     for last in (np.resize(wanted, len(states)), np.resize(wanted[::-1], len(states))):
         drawn = staged.until(lambda rows, found, last=last: found.draws >= last[rows], LAST)
         np.testing.assert_array_equal(drawn.draws, last)
