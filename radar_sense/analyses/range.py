@@ -14,7 +14,8 @@ from radar_sense.axis import Axis, reached
 from radar_sense.command import OF_RADAR, Figure, Option, Result, Table, command
 from radar_sense.cost import foresee
 from radar_sense.coverage.ranges import PRECISION, RangeAt, limit_of_radar, range_at
-from radar_sense.coverage.rays import END, FARTHEST, RAY, rays, survey
+from radar_sense.coverage.rays import FARTHEST, rays
+from radar_sense.coverage.reach import END, RAY, survey
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.plausibility import height_of_option

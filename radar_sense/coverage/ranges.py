@@ -9,8 +9,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.coverage.drawn import DISTANCES, DrawnRanges
-from radar_sense.coverage.rays import FARTHEST, INSIDE, Rays, Reach, Survey, reach_of_quantile
+from radar_sense.coverage.drawn import DrawnRanges
+from radar_sense.coverage.rays import FARTHEST, Rays
+from radar_sense.coverage.reach import END, INSIDE, Reach, Survey, reach_of_quantile
 from radar_sense.propagation import AUTOMATIC
 from radar_sense.propagation.automatic import ERRORS, judged
 from radar_sense.propagation.draws import Estimate
@@ -22,6 +23,8 @@ from radar_sense.states import FloatArray
 _STEP = 1e-5
 #: Part of itself by which the end of a band may be off.
 PRECISION = 0.01
+#: Steps through lobes, on average over rays, that double the time of a draw.
+LOOKS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +72,16 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     free, limit = seen.reach(value, limits=False).distance, limit_of_radar(seen)
     exists, linear, by_draws = reach.distance > 0, method == "linear", method == AUTOMATIC
     # Without a range, errors matter where P_D has the value beyond a limit, or where it is highest.
-    other = np.where(free > 0, free, seen.distance[np.argmax(seen.p_d, axis=1)])
-    draws = DrawnRanges.about(around, np.where(exists, INSIDE * reach.distance, other), value)
+    other = np.where(free > 0, free, seen.places.distance[np.argmax(seen.p_d, axis=1)])
+    draws = DrawnRanges.about(
+        around, seen.places, np.where(exists, INSIDE * reach.distance, other), value
+    )
     staged = StagedDraws(partial(draws.estimate, beta=k), np.full(len(free), FIRST))
-    most = MANY * DISTANCES // len(draws.distance)  # where there are more, a draw takes longer
+
+    first = staged.until(lambda rows, found: np.full(len(rows), True), FIRST)
+    places, least = seen.places, seen.places.below(first.bounds[0][0])
+    steps = np.mean(places.lobes[-1] - places.lobes[least]) / places.step
+    most = MANY // (1 + int(steps) // LOOKS)
 
     distance = np.where(exists, free, FARTHEST)
     slope = _slope(around, distance)
@@ -87,7 +96,6 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         bounds = np.clip(middle + np.array([[-k], [k]]) * std, 0.0, limit)
         bounds = np.where(exists, bounds, 0.0)
     else:
-        first = staged.until(lambda rows, found: np.full(len(rows), True), FIRST)
         of_p_d = "form" if by_draws else method
         guesses = zip((-k, k), first.bounds[0], strict=True)
         found = (reach_of_quantile(seen, value, of_p_d, *guess) for guess in guesses)
@@ -126,6 +134,4 @@ def _slope(around: Rays, distance: FloatArray) -> FloatArray:
 
 def limit_of_radar(seen: Survey) -> FloatArray:
     """Return the slant range (n,) of the limit of the radar; infinite if no limit is reached."""
-    if seen.visible[:, -1].all():
-        return np.full(len(seen.visible), np.inf)
-    return seen.all_rays.slant_range(seen.limit)
+    return np.where(seen.limit < END, seen.all_rays.slant_range(seen.limit), np.inf)

@@ -14,7 +14,8 @@ from scipy.special import ndtr
 import radar_sense as rs
 from radar_sense.analyses.range import detection_range
 from radar_sense.coverage.ranges import range_at
-from radar_sense.coverage.rays import FARTHEST, Rays, Survey, rays, reach_of_quantile, survey
+from radar_sense.coverage.rays import FARTHEST, Rays, rays
+from radar_sense.coverage.reach import reach_of_quantile, survey
 from radar_sense.model.horizon import horizon_range
 from radar_sense.scenario import for_radar
 from radar_sense.scenario_file.load import parse_scenario
@@ -364,25 +365,6 @@ def test_edges_along_a_ray_are_counted():
     assert reach.edges.tolist() == np.count_nonzero(np.diff(inside, axis=1), axis=1).tolist()
     assert reach.edges.max() > 1
     assert reach.distance == pytest.approx([d[np.flatnonzero(row)[-1]] for row in inside], rel=1e-3)
-
-
-def test_what_is_seen_only_between_two_samples_ends_at_the_limit():
-    """P_D rises with distance to the value only between two samples, and a limit comes there."""
-    distance = np.geomspace(1e3, 1e6, 64)
-    rise, limit = np.interp([40.3, 40.7], np.arange(64), distance)
-
-    class Rising:
-        def p_d(self, at, *, limits=False):
-            seen = self.visible(at) if limits else True
-            return np.where((at >= rise) & seen, 0.9, 0.1)
-
-        def visible(self, at):
-            return at <= limit
-
-    line, ray = distance[np.newaxis], Rising()
-    reach = Survey(ray, distance, ray.p_d(line), ray.visible(line)).reach(0.5)
-    assert reach.distance == pytest.approx([limit])
-    assert reach.limited.all()
 
 
 def test_p_d_is_above_p_fa_of_every_radar():

@@ -1,0 +1,169 @@
+"""How far P_D, or a quantile of P_D, reaches a value along rays."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from radar_sense.coverage.places import Places
+from radar_sense.coverage.rays import FARTHEST, NEAREST, Rays
+from radar_sense.states import BLOCK, FloatArray, slices
+
+#: Halvings of a bracket. A bracket of 16 % shrinks to 3e-14 of the distance.
+HALVINGS = 42
+#: Factors by which a bracket of a bound grows, in this order.
+EXPANSIONS = (1.01, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 4.0, 16.0, 256.0, 1e4, 1e6)
+#: Relative error of the distance that ends a search, and |z| that counts as a root. An error of z
+#: by 1e-7 is a relative error of the distance by 1e-8.
+NEAR_ENOUGH, Z_TOLERANCE = 1e-10, 1e-7
+#: Factor on the distance of a limit. The product is within the limit in spite of rounding.
+INSIDE = 1.0 - 1e-9
+#: Distance [m] from which on a range is the end of the search, and not a range.
+END = INSIDE * FARTHEST
+#: |z| of a P_D that is 0 or 1 to rounding.
+LARGEST_PROBIT = 40.0
+#: Evaluations of P_D that take as long as a ray with its band, which draws judge.
+RAY = 15_000
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """How far the rays reach a value of P_D.
+
+    Attributes:
+        distance: Farthest distance with at least this P_D (n,) [m]; 0 where there is none.
+        limited: Where (n,) a limit of the radar comes first, and P_D is still higher there.
+        edges: How often (n,) P_D passes the value along a ray without limits.
+    """
+
+    distance: FloatArray
+    limited: NDArray[np.bool_]
+    edges: NDArray[np.intp]
+
+    @property
+    def endless(self) -> NDArray[np.bool_]:
+        """Where (n,) P_D is still as high at the end of the search."""
+        return np.asarray(self.distance >= END)
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """P_D and limits of the nominal states at the places of all rays.
+
+    Attributes:
+        all_rays: The rays.
+        places: The places (k,).
+        p_d: P_D (n, k), without the limits of the radar.
+        within: Where (n, k) the aircraft is within the limits of the radar, or too near.
+    """
+
+    all_rays: Rays
+    places: Places
+    p_d: FloatArray
+    within: NDArray[np.bool_]
+
+    def reach(self, p_d: float, *, limits: bool = True) -> Reach:
+        """Return how far the rays reach a P_D, within the limits of the radar or without limits."""
+        around, inside = self.all_rays, self.p_d >= p_d
+
+        def reaches(distance: FloatArray) -> NDArray[np.bool_]:
+            enough = around.p_d(distance) >= p_d
+            return enough & around.within(distance) if limits else enough
+
+        near, far = self._farthest(inside & self.within if limits else inside, reaches)
+        far = np.where(around.visible(near), far, 0.0) if limits else far
+        distance = np.sqrt(near * far)
+        # P_D at or above the value beyond the edge means that a limit made the edge.
+        limited = (around.p_d(np.maximum(far, NEAREST)) >= p_d) & (distance > 0) & (distance < END)
+        edges = np.count_nonzero(np.diff(inside, axis=1), axis=1)
+        return Reach(distance, limited, edges)
+
+    @functools.cached_property
+    def limit(self) -> FloatArray:
+        """The farthest distance (n,) [m] within the limits; 0 where there is none."""
+        near, far = self._farthest(self.within, self.all_rays.within)
+        return np.where(self.all_rays.visible(near), np.sqrt(near * far), 0.0)
+
+    def _farthest(
+        self, inside: NDArray[np.bool_], reaches: Callable[[FloatArray], NDArray[np.bool_]]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return brackets (n,) of the farthest distance that is inside; 0 where none is.
+
+        The function returns whether distances (n,) are inside, as places (n, k) are.
+        """
+        last = inside.shape[1] - 1
+        low = last - np.argmax(inside[:, ::-1], axis=1)
+        near, far = (self.places.distance[np.minimum(at, last)] for at in (low, low + 1))
+        for _ in range(HALVINGS):
+            middle = np.sqrt(near * far)  # halves the bracket of the logarithm
+            still = reaches(middle)
+            near, far = np.where(still, middle, near), np.where(still, far, middle)
+        nowhere = ~inside.any(axis=1)
+        return np.where(nowhere, 0.0, near), np.where(nowhere, 0.0, far)
+
+
+def survey(all_rays: Rays) -> Survey:
+    """Compute P_D and limits along all rays."""
+    places, count = Places.along(all_rays), len(all_rays.yaw)
+    shape = count, len(places.distance)
+    p_d, within = np.empty(shape), np.empty(shape, dtype=bool)
+    for block in slices(count, max(1, BLOCK // len(places.distance))):
+        rays, distance = all_rays.part(block), np.broadcast_to(places.distance, p_d[block].shape)
+        p_d[block], within[block] = rays.p_d(distance), rays.within(distance)
+    return Survey(all_rays, places, p_d, within)
+
+
+def reach_of_quantile(
+    seen: Survey, value: float, method: str, beta: float, guess: FloatArray
+) -> FloatArray:
+    """Return how far (n,) the quantile of P_D at Φ(β) by a method reaches a value.
+
+    The distance at which P_D falls below a value is random, because P_D is uncertain. Where P_D
+    falls with distance, the random distance exceeds r if P_D at r exceeds the value. The quantiles
+    of the distance are therefore the distances at which the quantiles of P_D have the value.
+
+    The distance is within the limits of the radar. It is 0 where the quantile is nowhere as high
+    from the guess (n,) [m] inward, and NaN where the method has no value.
+    """
+    from scipy.optimize.elementwise import find_root  # slow to import
+
+    limit = seen.limit
+
+    def excess(rows: NDArray[np.intp], distance: FloatArray) -> FloatArray:
+        """Return z of the quantile less z of the value on some rays."""
+        if not len(rows):
+            return np.empty(0)
+        quantile = np.clip(seen.all_rays.part(rows).quantile(distance, method, beta), 0.0, 1.0)
+        z = ndtri(quantile) - ndtri(value)
+        return np.asarray(np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT))
+
+    near = np.clip(guess, NEAREST, np.maximum(limit, NEAREST))
+    at_near = excess(np.arange(len(near)), near)
+    far, at_far = near.copy(), at_near.copy()
+    for factor in EXPANSIONS:
+        rows = np.flatnonzero((at_near < 0) & (near > NEAREST))  # the bound is too low here
+        far[rows], at_far[rows] = near[rows], at_near[rows]
+        near[rows] = np.maximum(near[rows] / factor, NEAREST)
+        at_near[rows] = excess(rows, near[rows])
+        rows = np.flatnonzero((at_far >= 0) & (far < limit))
+        near[rows], at_near[rows] = far[rows], at_far[rows]
+        far[rows] = np.minimum(far[rows] * factor, limit[rows])
+        at_far[rows] = excess(rows, far[rows])
+    reach = np.where(at_near < 0, 0.0, far)  # `far` is the limit if the bound is high enough there
+    rows = np.flatnonzero((at_near >= 0) & (at_far < 0))
+    root = find_root(
+        lambda x, row: excess(row, np.exp(x)),
+        (np.log(near[rows]), np.log(far[rows])),
+        args=(rows,),
+        tolerances={"xatol": NEAR_ENOUGH, "fatol": Z_TOLERANCE},
+    )
+    reach[rows] = np.exp(root.x)
+    reach[np.isnan(at_near) | np.isnan(at_far)] = np.nan
+    inside = np.where(reach > 0, reach * INSIDE, NEAREST)
+    reach[(limit == 0) | (reach > 0) & ~seen.all_rays.visible(inside)] = 0.0
+    return reach
