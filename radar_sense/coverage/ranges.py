@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.coverage.drawn import DrawnRanges
+from radar_sense.coverage.places import Places
 from radar_sense.coverage.rays import FARTHEST, Rays
 from radar_sense.coverage.reach import END, INSIDE, Reach, Survey, reach_of_quantile
 from radar_sense.propagation import AUTOMATIC
@@ -68,38 +69,26 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     By linear, σ is σ of P_D divided by the slope of P_D. By any other method it is σ of drawn
     ranges. These judge the bounds, and by `automatic` replace those that they do not confirm.
     """
-    around, reach = seen.all_rays, seen.reach(value)
-    free, limit = seen.reach(value, limits=False).distance, limit_of_radar(seen)
-    exists, linear, by_draws = reach.distance > 0, method == "linear", method == AUTOMATIC
+    around, reach, limit = seen.all_rays, seen.reach(value), limit_of_radar(seen)
+    exists, by_draws = reach.distance > 0, method == AUTOMATIC
+    free = seen.reach(value, limits=False).distance
     # Without a range, errors matter where P_D has the value beyond a limit, or where it is highest.
     other = np.where(free > 0, free, seen.places.distance[np.argmax(seen.p_d, axis=1)])
-    draws = DrawnRanges.about(
-        around, seen.places, np.where(exists, INSIDE * reach.distance, other), value
-    )
+    centre = np.where(exists, INSIDE * reach.distance, other)
+    draws = DrawnRanges.about(around, seen.places, centre, value)
     staged = StagedDraws(partial(draws.estimate, beta=k), np.full(len(free), FIRST))
-
     first = staged.until(lambda rows, found: np.full(len(rows), True), FIRST)
-    places, least = seen.places, seen.places.below(first.bounds[0][0])
-    steps = np.mean(places.lobes[-1] - places.lobes[least]) / places.step
-    most = MANY // (1 + int(steps) // LOOKS)
 
-    distance = np.where(exists, free, FARTHEST)
-    slope = _slope(around, distance)
-    slope = np.where(exists & ~reach.endless & (slope < 0), slope, np.nan)
-    budget, inner = error_budget(around.at(distance)), ~reach.limited
-    by_source = {
-        name: np.where(inner, source.std / abs(slope), np.nan)
-        for name, source in budget.sources.items()
-    }
-    if linear:  # as if there were no limit, and cut off there
-        std, middle = budget.total.std / abs(slope), around.slant_range(distance)
-        bounds = np.clip(middle + np.array([[-k], [k]]) * std, 0.0, limit)
-        bounds = np.where(exists, bounds, 0.0)
+    total, by_source = _to_first_order(around, np.where(exists & ~reach.endless, free, np.nan))
+    if method == "linear":  # as if there were no limit, and cut off there
+        ends = around.slant_range(free) + np.array([[-k], [k]]) * total
+        bounds = np.where(exists, np.clip(ends, 0.0, limit), 0.0)
     else:
         of_p_d = "form" if by_draws else method
         guesses = zip((-k, k), first.bounds[0], strict=True)
         found = (reach_of_quantile(seen, value, of_p_d, *guess) for guess in guesses)
         bounds = np.stack([around.slant_range(end) for end in found])
+    most = _most(seen.places, first)
     drawn, confirmed, off = judged(
         staged, tuple(bounds), _of_ranges, to_precision=by_draws, most=most
     )
@@ -108,12 +97,37 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         of_draws, errors = drawn.bounds
         bounds = np.where(confirmed, bounds, of_draws)
         off = ~confirmed & np.any(ERRORS * errors > PRECISION * of_draws, axis=0)
-    if not linear:
-        std, inner = drawn.moments[0][1], exists
-    std = np.where(inner & ~reach.endless, std, np.nan)
-    slant = around.slant_range(reach.distance)
+
     lower, upper = bounds
-    return RangeAt(value, reach, slant, std, lower, upper, by_source, off & ~reach.endless)
+    of_ranges = np.where(exists & ~reach.endless, drawn.moments[0][1], np.nan)
+    return RangeAt(
+        value,
+        reach,
+        slant=around.slant_range(reach.distance),
+        std=np.where(reach.limited, np.nan, total) if method == "linear" else of_ranges,
+        lower=lower,
+        upper=upper,
+        by_source={name: np.where(reach.limited, np.nan, s) for name, s in by_source.items()},
+        unreliable=off & ~reach.endless,
+    )
+
+
+def _to_first_order(around: Rays, distance: FloatArray) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return σ (n,) of the range at distances (n,) of the rays, and of each source alone.
+
+    They are σ of P_D divided by the slope of P_D, NaN where P_D does not fall or a distance is NaN.
+    """
+    place = np.nan_to_num(distance, nan=FARTHEST)
+    slope = _slope(around, place)
+    fall = np.where(np.isfinite(distance) & (slope < 0), -slope, np.nan)
+    budget = error_budget(around.at(place))
+    return budget.total.std / fall, {n: c.std / fall for n, c in budget.sources.items()}
+
+
+def _most(places: Places, first: Estimate) -> int:
+    """Return the most draws: fewer where each draw looks at many places in lobes."""
+    passed = places.lobes[-1] - places.lobes[places.below(first.bounds[0][0])]
+    return int(MANY // (1 + int(np.mean(passed) / places.step) // LOOKS))
 
 
 def _of_ranges(found: Estimate) -> tuple[FloatArray, ...]:
