@@ -558,7 +558,8 @@ def few_judging_draws(patch, first=256, most=1024):
     for name in ("PRECISE", "MANY"):
         patch.setattr(f"radar_sense.acceptance.accuracy.{name}", most)
     patch.setattr("radar_sense.coverage.ranges.FIRST", first)
-    patch.setattr("radar_sense.coverage.ranges.MANY", most)
+    for name in ("MANY", "PRECISE"):
+        patch.setattr(f"radar_sense.coverage.ranges.{name}", most)
 
 
 def few_draws(patch, draws=128, replicates=2):

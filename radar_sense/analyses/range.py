@@ -249,7 +249,7 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
     if not np.isfinite(width).any():
         return [first]
     widest = int(np.argmax(reached(width)))
-    if width[widest] <= ROUNDING * at.slant[widest]:
+    if width[widest] <= ROUNDING * at.slant[widest] and at.upper[widest] > 0:
         return [first] if at.reach.endless[widest] else [first, "the band has no width"]
     middle, lower, upper = (_km(x[widest]) for x in (at.slant, at.lower, at.upper))
     band = f"between {lower.removesuffix(' km')} and {upper} ({k:g} sigma)"
@@ -257,7 +257,8 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
     sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
     # to first order sources do not explain σ across limits and lobes
     first_order = math.hypot(*(std[widest] for std in at.by_source.values()))
-    explained = sources and 1.0 / UNLIKE < first_order / at.std[widest] < UNLIKE
+    std = at.std[widest]
+    explained = sources and first_order < UNLIKE * std and std < UNLIKE * first_order
     end = f"; from {words.listed(sources)}" if explained else ""
     if alike and np.ptp(width) <= ALIKE * greatest:
         return [f"{first}, {band}{end}"]

@@ -6,7 +6,7 @@ value within the limits of the radar. It may be at a limit, in another lobe, or 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +29,14 @@ class DrawnRanges:
         places: Places along the rays.
         states: Uncertain states (n,) about which errors are drawn, one on each ray.
         snr: Signal-to-noise ratio at the range.
+        looks: At how many places a draw of each block so far was looked at, on average.
     """
 
     around: Rays
     places: Places
     states: UncertainStates
     snr: float
+    looks: list[float] = field(default_factory=list)
 
     @classmethod
     def about(cls, around: Rays, places: Places, centre: FloatArray, p_d: float) -> DrawnRanges:
@@ -60,7 +62,8 @@ class DrawnRanges:
         def ranges(rows: slice, aircraft: FloatArray, radars: FloatArray) -> FloatArray:
             nominal = self.places.states(around.part(rows))
             errors = aircraft - states.aircraft[rows, np.newaxis]
-            distance = self.places.farthest(nominal, radar, self.snr, errors, radars)
+            distance, looks = self.places.farthest(nominal, radar, self.snr, errors, radars)
+            self.looks.append(looks)
             return self._slant(slant_range(nominal, self.around.scenario.radar), distance)
 
         return estimate_of(ranges, states, draws, beta)
@@ -70,8 +73,9 @@ class DrawnRanges:
 
         R² is taken to be linear in the square of the distance, as it is on a flat earth.
         """
-        low, square = self.places.below(distance), self.places.distance**2
+        reached = np.maximum(distance, self.places.distance[0])
+        low, square = self.places.below(reached), self.places.distance**2
         near = np.take_along_axis(at_places, low, axis=1) ** 2
         far = np.take_along_axis(at_places, low + 1, axis=1) ** 2
-        part = (distance**2 - square[low]) / np.diff(square)[low]
+        part = (reached**2 - square[low]) / np.diff(square)[low]
         return np.where(distance > 0, np.sqrt(near + part * (far - near)), 0.0)

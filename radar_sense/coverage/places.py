@@ -11,20 +11,22 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.covariance import largest_variance
 from radar_sense.coverage.rays import FARTHEST, NEAREST, Rays
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.radar import Radar
 from radar_sense.states import POSITION, FloatArray, components_first
 
 #: Number of places, each 2 % farther than the one before. More divide the way through a lobe in
-#: parts of this length, until there are MOST.
-NUMBER, PART, MOST = 768, 0.125, 6144
-#: Places beyond a limit that are passed at once, 15 % of the distance, and the most steps through
-#: all lobes: a table with nodes much closer than its lobes would need more.
-GAP, STEPS = 7, 200
+#: parts of this length, until there are MOST, or they are CLOSE, as a part of the distance.
+NUMBER, PART, MOST, CLOSE = 768, 0.125, 6144, 1e-4
+#: Most steps through all lobes: a table with nodes much closer than its lobes would need more.
+STEPS = 200
+#: Standard deviations of the positions up to which lobes are counted.
+WIDE = 3.0
 
-#: From draws (l,), and numbers of places (l,), to ln of the signal over what is enough, and to the
-#: distance [m] from the nearest limit, negative beyond it (2, l).
+#: From draws (l,), and numbers of places (l,), to (3, l): ln of the signal over what is enough, how
+#: far within maximum range and horizon it is, as a part of the range, and how far above the mask.
 Look: TypeAlias = Callable[[NDArray[np.intp], NDArray[np.intp]], FloatArray]
 
 
@@ -44,11 +46,14 @@ class Places:
     def along(cls, around: Rays) -> Places:
         """Return the places along rays."""
         distance = np.geomspace(NEAREST, FARTHEST, NUMBER)
-        while np.any(coarse := (passed := lobes_passed(around, distance)) > PART):
-            if len(distance) > MOST:
+        while len(distance) < MOST:
+            coarse = lobes_passed(around, distance) > PART
+            coarse &= np.diff(distance) > CLOSE * distance[1:]  # the heading turns over a pole
+            if not coarse.any():
                 break
             middle = np.sqrt(distance[1:] * distance[:-1])[coarse]
             distance = np.sort(np.append(distance, middle))
+        passed = lobes_passed(around, distance)
         return cls(distance, np.insert(np.cumsum(passed), 0, 0.0))
 
     @functools.cached_property
@@ -72,8 +77,10 @@ class Places:
         snr: float,
         errors: FloatArray,
         states: FloatArray,
-    ) -> FloatArray:
+    ) -> tuple[FloatArray, float]:
         """Return the farthest distances (j, n) with enough signal, within the limits; 0 for none.
+
+        Also returned is at how many places a draw is looked at, on average.
 
         Args:
             nominal: States (j, k, 6) of the aircraft at the places of j rays.
@@ -85,60 +92,71 @@ class Places:
         shape, places = errors.shape[:2], components_first(nominal)
         ray = np.repeat(np.arange(shape[0]), shape[1])
         of_aircraft, of_radar = (x.reshape(len(ray), -1).T for x in (errors, states))
-        beyond = replace(radar, min_range=0.0)
+        falling = replace(radar, min_range=0.0, mask=None)  # limits that hide all beyond them
 
         def look(draw: NDArray[np.intp], at: NDArray[np.intp]) -> FloatArray:
-            both = (places[:, ray[draw], at] + of_aircraft[:, draw]).T, of_radar[:, draw].T
+            aircraft, own = (places[:, ray[draw], at] + of_aircraft[:, draw]).T, of_radar[:, draw].T
             with np.errstate(divide="ignore"):
-                excess = np.log(radar.model.unchecked_snr(*both)) - math.log(snr)
-            return np.stack([excess, beyond.margin(*both)])
+                excess = np.log(radar.model.unchecked_snr(aircraft, own)) - math.log(snr)
+            margin, clearance = np.full((2, len(draw)), np.inf)
+            if falling.limited:
+                margin = falling.margin(aircraft, own) / slant_range(aircraft, own)
+            if radar.mask is not None:
+                clearance = radar.mask.clearance(aircraft, own)
+            return np.stack([excess, margin, clearance])
 
-        edge = self._search(look, len(ray))
+        edge, looks = self._search(look, len(ray))
         low = self.below(edge)
         part = (edge - self.distance[low]) / np.diff(self.distance)[low]
         place = places[:, ray, low] + part * (places[:, ray, low + 1] - places[:, ray, low])
         near = slant_range((place + of_aircraft).T, of_radar.T) < radar.min_range
-        return np.where(near, 0.0, edge).reshape(shape)
+        return np.where(near, 0.0, edge).reshape(shape), looks
 
-    def _search(self, look: Look, draws: int) -> FloatArray:
+    @np.errstate(divide="ignore", invalid="ignore")  # of draws that have no place inside
+    def _search(self, look: Look, draws: int) -> tuple[FloatArray, float]:
         """Return the farthest distances (l,) of draws that are inside: signal enough, in limits.
 
-        The search goes inward from the farthest place, and passes no limit and no lobe, until a
-        place is inside. Then it looks between this and the nearest that is known not to be.
+        The search goes inward from the farthest place, and passes no lobe, until a place is inside
+        but for the mask. Then it looks between this and the nearest that is known not to be. Where
+        the mask hides the place that it finds, it goes on inward. Also returned is how often it
+        looks, on average.
         """
         last = len(self.distance) - 1
         low, high = np.full(draws, -1), np.full(draws, last + 1)
-        at_low, at_high = np.zeros((2, 2, draws))
-        at, left, rounds = np.full(draws, last), np.arange(draws), 0
+        at_low, at_high = np.full((2, 3, draws), np.inf)
+        at, left, rounds, looks = np.full(draws, last), np.arange(draws), 0, 0
         while left.size:
-            found, here = look(left, at[left]), at[left]
-            inside = np.all(found >= 0, axis=0)
+            found, here, looks = look(left, at[left]), at[left], looks + left.size
+            inside = np.all(found[:2] >= 0, axis=0)
             for which, end, values in ((inside, low, at_low), (~inside, high, at_high)):
                 end[left[which]], values[:, left[which]] = here[which], found[:, which]
+            hidden = left[(high[left] - low[left] == 1) & (low[left] >= 0)]
+            hidden = hidden[_hidden(at_low[:, hidden], at_high[:, hidden])]
+            high[hidden], at_high[:, hidden] = low[hidden], at_low[:, hidden]
+            low[hidden] = -1
             left = left[high[left] - low[left] > 1]
             ends = low[left], high[left]
             between = self.below(self._edge(*ends, at_low[:, left], at_high[:, left]))
             if rounds % 3 == 2:  # where ln S is far from linear
                 between = (ends[0] + ends[1]) // 2
             between = np.clip(between, ends[0] + 1, ends[1] - 1)
-            at[left] = np.where(ends[0] < 0, self._inward(ends[1], *at_high[:, left]), between)
+            at[left] = np.where(ends[0] < 0, self._inward(ends[1], *at_high[:2, left]), between)
             rounds += 1
-        return self._edge(low, high, at_low, at_high)
+        return self._edge(low, high, at_low, at_high), looks / draws
 
     def _inward(
         self, at: NDArray[np.intp], excess: FloatArray, margin: FloatArray
     ) -> NDArray[np.intp]:
         """Return the next place (l,) to look at, nearer than places (l,) that are not inside.
 
-        Beyond a limit all is beyond it within the margin, and S that is too low is so up to where
-        R⁻⁴ makes up for it. No more than a step through a lobe, or `GAP` places, is passed at once.
+        Beyond a limit all is beyond it within the margin. S that is too low is so up to where R⁻⁴
+        makes up for it, or something else that rises inward, as long as no lobe is passed.
         """
         distance = self.distance[at]
+        limit = np.searchsorted(self.distance, distance * (1.0 + np.minimum(margin, 0.0)))
+        strong = self.below(distance * np.exp(np.clip(excess, -100.0, 0.0) / 4.0))
         lobe = np.searchsorted(self.lobes, self.lobes[at] - self.step)
-        limit = np.searchsorted(self.distance, distance + margin)
-        strong = self.below(distance * np.exp(np.maximum(excess, -100.0) / 4.0))
-        hidden = np.minimum(limit, np.maximum(at - GAP, lobe))
-        return np.clip(np.where(margin < 0, hidden, np.maximum(strong, lobe)), 0, at - 1)
+        return np.clip(np.where(margin < 0, limit, np.maximum(strong, lobe)), 0, at - 1)
 
     def _edge(
         self,
@@ -151,28 +169,44 @@ class Places:
 
         ln S is taken to be linear in the logarithm of the distance, and a margin in the distance.
         """
-        with np.errstate(divide="ignore", invalid="ignore"):
-            part = np.where(at_high < 0, at_low / (at_low - at_high), 1.0)
+        part = _part(at_low, at_high)
         near = self.distance[np.maximum(low, 0)]
         far = self.distance[np.minimum(high, len(self.distance) - 1)]
-        edge = np.minimum(near * (far / near) ** part[0], near + part[1] * (far - near))
-        return np.asarray(np.where(low < 0, 0.0, edge))
+        limit = near + np.min(part[1:], axis=0) * (far - near)
+        return np.where(low < 0, 0.0, np.minimum(near * (far / near) ** part[0], limit))
+
+
+def _part(at_low: FloatArray, at_high: FloatArray) -> FloatArray:
+    """Return the part (3, l) of the way from low to high after which a value is negative."""
+    return np.where(at_high < 0, at_low / (at_low - at_high), 1.0)
+
+
+def _hidden(at_low: FloatArray, at_high: FloatArray) -> NDArray[np.bool_]:
+    """Return where (l,) the mask hides a place and all up to the edge of the signal beyond it."""
+    appears = 1.0 - _part(at_high, at_low)[2]
+    window = (at_high[2] >= 0) & (appears < np.min(_part(at_low, at_high)[:2], axis=0))
+    return np.asarray((at_low[2] < 0) & ~window)
 
 
 def lobes_passed(around: Rays, distance: FloatArray) -> FloatArray:
     """Return the turn of the line of sight (k − 1,) from each distance (k,) to the next, in lobes.
 
     It is alike on all rays, because the aircraft has one height on all of them. The RCS has its
-    lobes in the frame of the aircraft, and the antenna in that of the radar.
+    lobes in the frame of the aircraft, and the antenna in that of the radar. Of the nominal
+    aircraft and of six that are displaced by errors, that with the most lobes counts in each step.
     """
-    (radar,), state = around.limited.radars, around.scenario.radar
-    aircraft = around.part(slice(0, 1)).states(distance[np.newaxis])[0]
+    (radar,), state, first = around.limited.radars, around.scenario.radar, around.part(slice(0, 1))
+    errors = first.at(distance[-1:]).states()
+    covariances = (c[:1, POSITION, POSITION] for c in (errors.cov_aircraft, errors.cov_radar))
+    error = WIDE * math.sqrt(sum(float(largest_variance(c)[0]) for c in covariances))
+    aircraft = np.repeat(first.states(distance[np.newaxis]), 7, axis=0)
+    aircraft[1:, :, POSITION] += error * np.vstack([np.eye(3), -np.eye(3)])[:, np.newaxis]
     passed = np.zeros(len(distance) - 1)
     for line, details in (
         (body_vector(aircraft, state), [radar.model.rcs.detail]),
-        (aircraft[:, POSITION] - state[POSITION], [f.detail for f in radar.model.factors]),
+        (aircraft[..., POSITION] - state[POSITION], [f.detail for f in radar.model.factors]),
     ):
-        unit = line / np.linalg.norm(line, axis=1, keepdims=True)
-        turn = 2.0 * np.arcsin(0.5 * np.linalg.norm(np.diff(unit, axis=0), axis=1))
-        passed = np.maximum(passed, turn / min(details, default=math.inf))
+        unit = line / np.linalg.norm(line, axis=-1, keepdims=True)
+        turn = 2.0 * np.arcsin(0.5 * np.linalg.norm(np.diff(unit, axis=1), axis=-1))
+        passed = np.maximum(passed, np.max(turn, axis=0) / min(details, default=math.inf))
     return passed

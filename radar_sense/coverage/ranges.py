@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.coverage.drawn import DrawnRanges
-from radar_sense.coverage.places import Places
 from radar_sense.coverage.rays import FARTHEST, Rays
 from radar_sense.coverage.reach import END, INSIDE, Reach, Survey, reach_of_quantile
 from radar_sense.propagation import AUTOMATIC
 from radar_sense.propagation.automatic import ERRORS, judged
 from radar_sense.propagation.draws import Estimate
-from radar_sense.propagation.staged import FIRST, MANY, StagedDraws
+from radar_sense.propagation.staged import FIRST, MANY, PRECISE, StagedDraws
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 
@@ -24,8 +23,10 @@ from radar_sense.states import FloatArray
 _STEP = 1e-5
 #: Part of itself by which the end of a band may be off.
 PRECISION = 0.01
-#: Steps through lobes, on average over rays, that double the time of a draw.
-LOOKS = 16
+#: Places at which a draw is looked at that halve the most draws.
+LOOKS = 8
+#: Standard error of σ, as a part of it, that is small enough.
+ERROR_OF_STD = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +79,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     draws = DrawnRanges.about(around, seen.places, centre, value)
     staged = StagedDraws(partial(draws.estimate, beta=k), np.full(len(free), FIRST))
     first = staged.until(lambda rows, found: np.full(len(rows), True), FIRST)
+    most = MANY // (1 + int(np.mean(draws.looks)) // LOOKS)
 
     total, by_source = _to_first_order(around, np.where(exists & ~reach.endless, free, np.nan))
     if method == "linear":  # as if there were no limit, and cut off there
@@ -88,7 +90,6 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         guesses = zip((-k, k), first.bounds[0], strict=True)
         found = (reach_of_quantile(seen, value, of_p_d, *guess) for guess in guesses)
         bounds = np.stack([around.slant_range(end) for end in found])
-    most = _most(seen.places, first)
     drawn, confirmed, off = judged(
         staged, tuple(bounds), _of_ranges, to_precision=by_draws, most=most
     )
@@ -97,14 +98,21 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         of_draws, errors = drawn.bounds
         bounds = np.where(confirmed, bounds, of_draws)
         off = ~confirmed & np.any(ERRORS * errors > PRECISION * of_draws, axis=0)
+        off |= exists & (of_draws[1] == 0)  # too few of them have a range
 
+    def precise(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
+        (_, std), (_, error) = found.moments
+        return np.asarray(error <= ERROR_OF_STD * std)
+
+    std = np.where(reach.limited, np.nan, total)
+    if method != "linear":
+        std = staged.until(precise, min(most, PRECISE)).moments[0][1]
     lower, upper = bounds
-    of_ranges = np.where(exists & ~reach.endless, drawn.moments[0][1], np.nan)
     return RangeAt(
         value,
         reach,
         slant=around.slant_range(reach.distance),
-        std=np.where(reach.limited, np.nan, total) if method == "linear" else of_ranges,
+        std=np.where(exists & ~reach.endless, std, np.nan),
         lower=lower,
         upper=upper,
         by_source={name: np.where(reach.limited, np.nan, s) for name, s in by_source.items()},
@@ -122,12 +130,6 @@ def _to_first_order(around: Rays, distance: FloatArray) -> tuple[FloatArray, dic
     fall = np.where(np.isfinite(distance) & (slope < 0), -slope, np.nan)
     budget = error_budget(around.at(place))
     return budget.total.std / fall, {n: c.std / fall for n, c in budget.sources.items()}
-
-
-def _most(places: Places, first: Estimate) -> int:
-    """Return the most draws: fewer where each draw looks at many places in lobes."""
-    passed = places.lobes[-1] - places.lobes[places.below(first.bounds[0][0])]
-    return int(MANY // (1 + int(np.mean(passed) / places.step) // LOOKS))
 
 
 def _of_ranges(found: Estimate) -> tuple[FloatArray, ...]:

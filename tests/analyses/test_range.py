@@ -83,7 +83,7 @@ def bands(s, p_d, bearing_deg, draws, seed):
     return np.hypot(low, pose[2] - radar[2])
 
 
-def plain_ranges(s, low, high, p_d=0.5, draws=10_000, steps=1000, seed=1):
+def plain_ranges(s, low, high, p_d=0.5, draws=10_000, steps=500, seed=1):
     """The farthest ranges (draws,) to the north, 0 for none, of plain draws on a flat earth."""
     rng, states, pose = np.random.default_rng(seed), s.states(), s.aircraft[0]
     radars = states.radars_at(rng.standard_normal((draws, states.radar_normals)))
@@ -100,8 +100,8 @@ def assert_as_drawn(found, drawn, rel=0.01):
     """Both bounds are within some standard errors of those of plain draws, and σ is."""
     noise = 4 * math.sqrt(ndtr(-3) / len(drawn))
     for end, tail in ((found.lower, ndtr(-3)), (found.upper, ndtr(3))):
-        share = [np.mean(drawn < factor * end) for factor in (1 - rel, 1 + rel)]
-        assert share[0] - noise <= tail <= share[1] + noise
+        assert np.mean(drawn < (1 - rel) * end) - noise <= tail
+        assert tail <= np.mean(drawn <= (1 + rel) * end) + noise
     assert found.std == pytest.approx(np.std(drawn), rel=0.07)
 
 
@@ -177,6 +177,7 @@ def test_no_range_and_the_end_of_the_search_are_reported():
         "sigma has no value",
     )
     assert not column(strong, "limited_0.9").any()  # the radar has no limit
+    assert not strong.warnings
 
 
 def test_the_report_of_ranges_that_are_passed_several_times():
@@ -283,6 +284,48 @@ def test_a_blind_zone_or_a_limit_within_the_band_counts(part):
     found = on_rays(limited, 0)
     assert found.slant[0] == pytest.approx(slant)
     assert_as_drawn(found, plain_ranges(limited, 0.8 * slant, 1.1 * slant))
+
+
+@pytest.mark.all_draws
+@pytest.mark.parametrize("method", ["form", "automatic"])
+def test_a_range_in_the_blind_zone_is_none(method):
+    s = swerling1(
+        radar__constant=5e-4,
+        radar__min_range_km=37.3,
+        uncertainty={
+            "aircraft": {"position_m": 50, "attitude_deg": 0},
+            "radar": {"a": {"position_m": 0, "constant": 2e-5}},
+        },
+        analysis={"level": "a"},
+    )
+    assert 37e3 < farthest(5e-4) < 37.2e3
+    found = on_rays(s, 0.0, method=method)
+    assert not found.slant.any()
+    assert not found.lower.any()
+    drawn = plain_ranges(s, 36e3, 40e3)
+    assert found.upper == pytest.approx(np.quantile(drawn, ndtr(3)), rel=0.005)
+
+
+@pytest.mark.all_draws
+def test_a_radar_that_looks_down_on_an_aircraft_sees_it_far_away_alone(tmp_path):
+    """1 km lower, it is hidden by a mask of -1.05 deg up to 54.6 km; the maximum range is 60 km."""
+    (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n0,-1.05\n360,-1.05\n")
+    s = swerling1(
+        tmp_path,
+        radar__constant=1,
+        radar__position_m=[0, 0, -3000],
+        radar__mask="mask.csv",
+        radar__max_range_km=60,
+        geometry__down_km=-2,
+        uncertainty={
+            "aircraft": {"position_m": 10, "attitude_deg": 0},
+            "radar": {"a": {"position_m": 0, "constant": 0.05}},
+        },
+        analysis={"level": "a"},
+    )
+    found = on_rays(s, 0.0)
+    assert found.slant == pytest.approx(60e3)
+    assert_as_drawn(found, plain_ranges(s, 5.9e4, 6.1e4, steps=300), rel=1e-3)
 
 
 @pytest.mark.all_draws
@@ -485,7 +528,7 @@ def test_where_form_fails_the_bounds_are_those_of_plain_draws(metres):
 
 
 @pytest.mark.all_draws
-def test_a_lower_bound_is_right_or_warned_of():
+def test_a_lower_bound_that_draws_do_not_settle_is_warned_of():
     """The aircraft is nearly overhead, and few draws say little of P_D between lobes of 2 deg.
 
     At bearing 90 deg the range is more than 4.94 to 4.99 km with the probability of the bound, by
@@ -514,7 +557,8 @@ def test_a_lower_bound_is_right_or_warned_of():
         analysis={"level": "s", "method": "automatic"},
     )
     found = on_rays(s, 90)
-    assert found.unreliable[0] or found.lower == pytest.approx(4970, rel=0.02)
+    assert found.unreliable[0]
+    assert found.lower == pytest.approx(4970, rel=0.2)
 
 
 def test_the_band_of_a_figure_has_the_bounds_of_the_table():
@@ -616,6 +660,8 @@ def test_a_lobe_that_errors_turn_to_a_far_aircraft(tmp_path, constant, method):
         assert found.unreliable
         return
     assert_as_drawn(found, plain_ranges(s, 1e3, 1e5))
+    # shares of the sources to first order do not explain this band
+    assert "; from" not in " ".join(detection_range(s, **QUICK).report)
 
 
 @pytest.mark.all_draws
@@ -626,6 +672,71 @@ def test_of_lobes_of_equal_height_errors_choose_the_farthest(tmp_path):
     found = on_rays(s, 0.0, p_d=0.7)
     assert found.reach.edges > 1
     assert_as_drawn(found, plain_ranges(s, 1e4, 1e5, p_d=0.7))
+
+
+@pytest.mark.all_draws
+@pytest.mark.parametrize(
+    ("metres", "mask_deg", "beam", "changes"),
+    [
+        # hidden up to 28.6 km: inward S rises by less attenuation, too, and not as R⁻⁴ alone
+        (30, -2, None, {"radar__constant": 0.107, "radar__attenuation_db_per_km": 0.1}),
+        # a window of 6 km between the mask and the range
+        (30, -2, None, {"radar__constant": 3.6e-4}),
+        # the nominal line of sight is level all along the ray, and that of draws turns
+        (800, None, "-90,-40 -3,-20 0,0 3,-20 90,-40", {"radar__constant": 3.4e-3}),
+    ],
+)
+def test_a_search_passes_nothing(tmp_path, metres, mask_deg, beam, changes):
+    keys = {"radar__position_m": [0, 0, 0], "geometry__down_km": 0}
+    if mask_deg is not None:
+        keys["radar__position_m"] = [0, 0, -1000]
+        rows = f"azimuth_deg,elevation_deg\n0,{mask_deg}\n360,{mask_deg}\n"
+        (tmp_path / "mask.csv").write_text(rows)
+        keys["radar__mask"] = "mask.csv"
+    errors = {"position_m": 30, "constant": 0.1 * changes["radar__constant"]}
+    if beam is not None:
+        (tmp_path / "beam.csv").write_text("elevation_deg,gain_db\n" + "\n".join(beam.split()))
+        keys |= {"radar__elevation_gain": "beam.csv", "radar__tilt_deg": 3}
+        errors["tilt_deg"] = 0
+    uncertain = {"aircraft": {"position_m": [0, 0, metres], "attitude_deg": 0}}
+    uncertain["radar"] = {"a": errors}
+    analysis = {"level": "a"}
+    s = swerling1(tmp_path, **keys, **changes, uncertainty=uncertain, analysis=analysis)
+    assert_as_drawn(on_rays(s, 0.0), plain_ranges(s, 1e3, 2e5, draws=20_000), rel=0.02)
+
+
+@pytest.mark.all_draws
+def test_sigma_is_exact_where_the_signal_bends_with_distance(tmp_path):
+    """c_r alone is uncertain, by 0.4 %: the range by 0.1 % of what R⁴ and rain make of it."""
+    rain = {"radar__attenuation_db_per_km": 3}
+    errors = {"position_m": 0, "constant": 4e-6}
+    s = swerling1(
+        radar__constant=1e-3,
+        **rain,
+        uncertainty={"aircraft": {"position_m": 0, "attitude_deg": 0}, "radar": {"a": errors}},
+        analysis={"level": "a"},
+    )
+    by_linear, found = (on_rays(s, 0.0, method=method) for method in ("linear", "automatic"))
+    assert found.std == pytest.approx(by_linear.std, rel=0.01)
+
+
+@pytest.mark.all_draws
+def test_lobes_of_an_aircraft_on_its_side_are_passed_one_by_one():
+    """Rolled by 90 deg, it turns lobes of the RCS to a radar that it approaches at 9 km."""
+    rcs = {"model": "spikeball", "lobes": 36, "amplitude_m2": 5, "floor_m2": 0.01}
+    s = swerling1(
+        aircraft={"rcs": rcs, "attitude_deg": [90, 0, 0]},
+        geometry__down_km=-9,
+        radar__constant=4e-4,
+        uncertainty={
+            "aircraft": {"position_m": 50, "attitude_deg": 2},
+            "radar": {"a": {"position_m": 0, "constant": 4e-5}},
+        },
+        analysis={"level": "a"},
+    )
+    found = on_rays(s, 0.0)
+    assert found.reach.edges > 3
+    assert_as_drawn(found, plain_ranges(s, 3e3, 6e4, steps=600), rel=0.02)
 
 
 def test_a_window_beside_the_minimum_range_is_found(tmp_path):
