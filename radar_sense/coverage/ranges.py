@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from radar_sense.coverage.drawn import DrawnRanges
 from radar_sense.coverage.rays import FARTHEST, Rays
 from radar_sense.coverage.reach import END, INSIDE, Reach, Survey, reach_of_quantile
-from radar_sense.propagation import AUTOMATIC
+from radar_sense.propagation import AUTOMATIC, STD_CHANGE
 from radar_sense.propagation.automatic import ERRORS, judged
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.staged import FIRST, MANY, PRECISE, StagedDraws
@@ -104,9 +104,11 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         (_, std), (_, error) = found.moments
         return np.asarray(error <= ERROR_OF_STD * std)
 
-    std = np.where(reach.limited, np.nan, total)
-    if method != "linear":
-        std = staged.until(precise, min(most, PRECISE)).moments[0][1]
+    std = staged.until(precise, min(most, PRECISE)).moments[0][1]
+    if method == "linear":
+        first_order, of_draws = np.where(reach.limited, np.nan, total), std
+        off |= abs(first_order - of_draws) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * of_draws
+        std = first_order
     lower, upper = bounds
     return RangeAt(
         value,
