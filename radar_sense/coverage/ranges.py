@@ -15,7 +15,7 @@ from radar_sense.coverage.reach import END, INSIDE, Reach, Survey, reach_of_quan
 from radar_sense.propagation import AUTOMATIC, STD_CHANGE
 from radar_sense.propagation.automatic import ERRORS, judged
 from radar_sense.propagation.draws import Estimate
-from radar_sense.propagation.staged import FIRST, MANY, PRECISE, StagedDraws
+from radar_sense.propagation.staged import FIRST, FURTHER, MANY, StagedDraws
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 
@@ -104,7 +104,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         (_, std), (_, error) = found.moments
         return np.asarray(error <= ERROR_OF_STD * std)
 
-    std = staged.until(precise, min(most, PRECISE)).moments[0][1]
+    std = staged.until(precise, min(most, FURTHER)).moments[0][1]
     if method == "linear":
         first_order, of_draws = np.where(reach.limited, np.nan, total), std
         off |= abs(first_order - of_draws) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * of_draws
