@@ -76,7 +76,14 @@ class Survey:
             return enough & around.within(distance) if limits else enough
 
         near, far = self._farthest(inside & self.within if limits else inside, reaches)
-        far = np.where(around.visible(near), far, 0.0) if limits else far
+        if limits:
+            # what is inside may lie between two places, and ends at the edge of P_D or of a limit
+            for edge in (self.reach(p_d, limits=False).distance, self.limit):
+                before = INSIDE * edge
+                farther = (before > near) & reaches(np.maximum(before, NEAREST))
+                near = np.where(farther, before, near)
+                far = np.where(farther, edge / INSIDE, far)
+            far = np.where(around.visible(near), far, 0.0)
         distance = np.sqrt(near * far)
         # P_D at or above the value beyond the edge means that a limit made the edge.
         limited = (around.p_d(np.maximum(far, NEAREST)) >= p_d) & (distance > 0) & (distance < END)

@@ -13,9 +13,10 @@ from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense.analyses.range import detection_range
+from radar_sense.coverage.places import Places
 from radar_sense.coverage.ranges import range_at
 from radar_sense.coverage.rays import FARTHEST, Rays, rays
-from radar_sense.coverage.reach import reach_of_quantile, survey
+from radar_sense.coverage.reach import Survey, reach_of_quantile, survey
 from radar_sense.model.horizon import horizon_range
 from radar_sense.scenario import for_radar
 from radar_sense.scenario_file.load import parse_scenario
@@ -411,6 +412,27 @@ def test_edges_along_a_ray_are_counted():
     assert reach.distance == pytest.approx([d[np.flatnonzero(row)[-1]] for row in inside], rel=1e-3)
 
 
+def test_what_is_seen_only_between_two_places_ends_at_the_limit():
+    """P_D rises with distance to the value only between two places, and a limit comes there."""
+    distance = np.geomspace(1e3, 1e6, 64)
+    rise, limit = np.interp([40.3, 40.7], np.arange(64), distance)
+
+    class Rising:
+        def p_d(self, at):
+            return np.where(at >= rise, 0.9, 0.1)
+
+        def within(self, at):
+            return at <= limit
+
+        visible = within
+
+    line, ray = distance[np.newaxis], Rising()
+    places = Places(distance, np.zeros(64))
+    reach = Survey(ray, places, ray.p_d(line), ray.within(line)).reach(0.5)
+    assert reach.distance == pytest.approx([limit])
+    assert reach.limited.all()
+
+
 def test_p_d_is_above_p_fa_of_every_radar():
     s = rs.load_scenario("configs/network.yaml")
     first, *others = s.model.radars
@@ -704,6 +726,35 @@ def test_a_search_passes_nothing(tmp_path, metres, mask_deg, beam, changes):
     analysis = {"level": "a"}
     s = swerling1(tmp_path, **keys, **changes, uncertainty=uncertain, analysis=analysis)
     assert_as_drawn(on_rays(s, 0.0), plain_ranges(s, 1e3, 2e5, draws=20_000), rel=0.02)
+
+
+def masked(folder, mask_deg, metres, **changes):
+    """An aircraft 1 km above a mask of some degrees, or below it, with an error of its height."""
+    rows = f"azimuth_deg,elevation_deg\n0,{mask_deg}\n360,{mask_deg}\n"
+    (folder / "mask.csv").write_text(rows)
+    errors = {"position_m": 0, "constant": 1e-3 * changes["radar__constant"]}
+    uncertain = {"aircraft": {"position_m": [0, 0, metres], "attitude_deg": 0}}
+    uncertain["radar"] = {"a": errors}
+    changes |= {"uncertainty": uncertain, "analysis": {"level": "a"}}
+    return swerling1(folder, radar__mask="mask.csv", **changes)
+
+
+@pytest.mark.all_draws
+def test_the_range_of_each_draw_ends_at_the_mask(tmp_path):
+    """P_D would be high up to more than 100 km."""
+    found = on_rays(masked(tmp_path, 1, 30, radar__constant=0.05, geometry__down_km=-1), 0.0)
+    height = 1000 + 30 * np.random.default_rng(2).standard_normal(100_000)
+    assert_as_drawn(found, np.hypot(height / math.tan(math.radians(1)), 1000))
+
+
+@pytest.mark.all_draws
+def test_a_window_between_the_mask_and_the_range_is_found(tmp_path):
+    """It is 1.2 % wide: the mask hides the aircraft up to 28.65 km, and P_D is high up to 29 km."""
+    below = {"radar__position_m": [0, 0, -1000], "geometry__down_km": 0}
+    s = masked(tmp_path, -2, 0, radar__constant=1.849e-4, **below)
+    found = on_rays(s, 0.0)
+    assert found.slant == pytest.approx(29e3, rel=1e-3)
+    assert found.lower == pytest.approx(found.slant * (1 - 0.003) ** 0.25, rel=1e-4)
 
 
 @pytest.mark.all_draws
