@@ -20,7 +20,7 @@ from radar_sense.states import FloatArray, slices
 from radar_sense.uncertain_states import MAX_NUMBERS, UncertainStates
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class DrawnRanges:
     """Slant ranges of drawn states along n rays.
 
@@ -29,7 +29,7 @@ class DrawnRanges:
         places: Places along the rays.
         states: Uncertain states (n,) about which errors are drawn, one on each ray.
         snr: Signal-to-noise ratio at the range.
-        looks: At how many places a draw of each block so far was looked at, on average.
+        looks: At how many places a draw was looked at, on average, in each block so far.
     """
 
     around: Rays
@@ -53,11 +53,8 @@ class DrawnRanges:
         )
 
     def _of(self, rays: NDArray[np.intp], draws: int, beta: float) -> Estimate:
-        around, states, (radar,) = (
-            self.around.part(rays),
-            self.states.at(rays),
-            self.around.limited.radars,
-        )
+        around, states = self.around.part(rays), self.states.at(rays)
+        (radar,) = around.limited.radars
 
         def ranges(rows: slice, aircraft: FloatArray, radars: FloatArray) -> FloatArray:
             nominal = self.places.states(around.part(rows))

@@ -46,15 +46,14 @@ class Places:
     def along(cls, around: Rays) -> Places:
         """Return the places along rays."""
         distance = np.geomspace(NEAREST, FARTHEST, NUMBER)
-        while len(distance) < MOST:
-            coarse = lobes_passed(around, distance) > PART
+        while True:
+            passed = lobes_passed(around, distance)
+            coarse = passed > PART
             coarse &= np.diff(distance) > CLOSE * distance[1:]  # the heading turns over a pole
-            if not coarse.any():
-                break
+            if len(distance) >= MOST or not coarse.any():
+                return cls(distance, np.insert(np.cumsum(passed), 0, 0.0))
             middle = np.sqrt(distance[1:] * distance[:-1])[coarse]
             distance = np.sort(np.append(distance, middle))
-        passed = lobes_passed(around, distance)
-        return cls(distance, np.insert(np.cumsum(passed), 0, 0.0))
 
     @functools.cached_property
     def step(self) -> float:
@@ -192,8 +191,9 @@ def lobes_passed(around: Rays, distance: FloatArray) -> FloatArray:
     """Return the turn of the line of sight (k − 1,) from each distance (k,) to the next, in lobes.
 
     It is alike on all rays, because the aircraft has one height on all of them. The RCS has its
-    lobes in the frame of the aircraft, and the antenna in that of the radar. Of the nominal
-    aircraft and of six that are displaced by errors, that with the most lobes counts in each step.
+    lobes in the frame of the aircraft, and the antenna in that of the radar. Errors displace the
+    aircraft, and its line of sight then turns more or less. Of the nominal aircraft and six that
+    are `WIDE` standard deviations away, the largest turn counts.
     """
     (radar,), state, first = around.limited.radars, around.scenario.radar, around.part(slice(0, 1))
     errors = first.at(distance[-1:]).states()

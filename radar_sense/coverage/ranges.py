@@ -23,7 +23,8 @@ from radar_sense.states import FloatArray
 _STEP = 1e-5
 #: Part of itself by which the end of a band may be off.
 PRECISION = 0.01
-#: Places at which a draw is looked at that halve the most draws.
+#: The most draws are `MANY` / (1 + looks // LOOKS): with lobes and masks a draw is looked at many
+#: places.
 LOOKS = 8
 #: Standard error of σ, as a part of it, that is small enough.
 ERROR_OF_STD = 0.02
@@ -72,7 +73,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     """
     around, reach, limit = seen.all_rays, seen.reach(value), limit_of_radar(seen)
     exists, by_draws = reach.distance > 0, method == AUTOMATIC
-    free = seen.reach(value, limits=False).distance
+    free = reach.free
     # Without a range, errors matter where P_D has the value beyond a limit, or where it is highest.
     other = np.where(free > 0, free, seen.places.distance[np.argmax(seen.p_d, axis=1)])
     centre = np.where(exists, INSIDE * reach.distance, other)

@@ -1,4 +1,4 @@
-"""Rays from a radar, the aircraft on each ray, and how far along a ray P_D reaches a value.
+"""Rays from a radar, and the aircraft on each ray.
 
 A ray leaves the radar at one bearing. The aircraft is on the ray at one height, roll, pitch and
 yaw. The distance along a ray is horizontal, in the level plane of the radar.
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from radar_sense.coverage.grid import pose_in_cells, put_at_height
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
+from radar_sense.model.radar import Radar
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
@@ -94,10 +95,14 @@ class Rays:
         """Return P_D (n, ...) at distances (n, ...), without limits of the radar."""
         return self.scenario.model.p_d(self.states(distance), self.scenario.radar)
 
+    @property
+    def outer(self) -> Radar:
+        """The radar with all limits but the minimum range."""
+        return dataclasses.replace(self.limited.radars[0], min_range=0.0)
+
     def within(self, distance: FloatArray) -> NDArray[np.bool_]:
         """Return where (n, ...) distances (n, ...) are within all limits but the minimum range."""
-        radar = dataclasses.replace(self.limited.radars[0], min_range=0.0)
-        return radar.visible(self.states(distance), self.scenario.radar)
+        return self.outer.visible(self.states(distance), self.scenario.radar)
 
     def visible(self, distance: FloatArray) -> NDArray[np.bool_]:
         """Return where (n,) distances (n,) are within the limits of the radar; not at 0."""

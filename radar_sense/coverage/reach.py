@@ -14,7 +14,7 @@ from radar_sense.coverage.places import Places
 from radar_sense.coverage.rays import FARTHEST, NEAREST, Rays
 from radar_sense.states import BLOCK, FloatArray, slices
 
-#: Halvings of a bracket. A bracket of 16 % shrinks to 3e-14 of the distance.
+#: Halvings of a bracket. A bracket of 2 % shrinks to 5e-15 of the distance.
 HALVINGS = 42
 #: Factors by which a bracket of a bound grows, in this order.
 EXPANSIONS = (1.01, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 4.0, 16.0, 256.0, 1e4, 1e6)
@@ -37,11 +37,13 @@ class Reach:
 
     Attributes:
         distance: Farthest distance with at least this P_D (n,) [m]; 0 where there is none.
+        free: The same without the limits of the radar.
         limited: Where (n,) a limit of the radar comes first, and P_D is still higher there.
         edges: How often (n,) P_D passes the value along a ray without limits.
     """
 
     distance: FloatArray
+    free: FloatArray
     limited: NDArray[np.bool_]
     edges: NDArray[np.intp]
 
@@ -67,28 +69,30 @@ class Survey:
     p_d: FloatArray
     within: NDArray[np.bool_]
 
-    def reach(self, p_d: float, *, limits: bool = True) -> Reach:
-        """Return how far the rays reach a P_D, within the limits of the radar or without limits."""
-        around, inside = self.all_rays, self.p_d >= p_d
+    def reach(self, p_d: float) -> Reach:
+        """Return how far the rays reach a P_D."""
+        around, enough = self.all_rays, self.p_d >= p_d
 
         def reaches(distance: FloatArray) -> NDArray[np.bool_]:
-            enough = around.p_d(distance) >= p_d
-            return enough & around.within(distance) if limits else enough
+            return around.p_d(distance) >= p_d
 
-        near, far = self._farthest(inside & self.within if limits else inside, reaches)
-        if limits:
-            # what is inside may lie between two places, and ends at the edge of P_D or of a limit
-            for edge in (self.reach(p_d, limits=False).distance, self.limit):
-                before = INSIDE * edge
-                farther = (before > near) & reaches(np.maximum(before, NEAREST))
-                near = np.where(farther, before, near)
-                far = np.where(farther, edge / INSIDE, far)
-            far = np.where(around.visible(near), far, 0.0)
+        def inside(distance: FloatArray) -> NDArray[np.bool_]:
+            return reaches(distance) & around.within(distance)
+
+        free = np.sqrt(np.multiply(*self._farthest(enough, reaches)))
+        near, far = self._farthest(enough & self.within, inside)
+        # what is inside may lie between two places, and ends at the edge of P_D or of a limit
+        for edge in (free, self.limit):
+            before = INSIDE * edge
+            farther = (before > near) & inside(np.maximum(before, NEAREST))
+            near = np.where(farther, before, near)
+            far = np.where(farther, edge / INSIDE, far)
+        far = np.where(around.visible(near), far, 0.0)
         distance = np.sqrt(near * far)
         # P_D at or above the value beyond the edge means that a limit made the edge.
-        limited = (around.p_d(np.maximum(far, NEAREST)) >= p_d) & (distance > 0) & (distance < END)
-        edges = np.count_nonzero(np.diff(inside, axis=1), axis=1)
-        return Reach(distance, limited, edges)
+        limited = reaches(np.maximum(far, NEAREST)) & (distance > 0) & (distance < END)
+        edges = np.count_nonzero(np.diff(enough, axis=1), axis=1)
+        return Reach(distance, free, limited, edges)
 
     @functools.cached_property
     def limit(self) -> FloatArray:
@@ -120,8 +124,9 @@ def survey(all_rays: Rays) -> Survey:
     shape = count, len(places.distance)
     p_d, within = np.empty(shape), np.empty(shape, dtype=bool)
     for block in slices(count, max(1, BLOCK // len(places.distance))):
-        rays, distance = all_rays.part(block), np.broadcast_to(places.distance, p_d[block].shape)
-        p_d[block], within[block] = rays.p_d(distance), rays.within(distance)
+        aircraft = places.states(all_rays.part(block))
+        p_d[block] = all_rays.scenario.model.p_d(aircraft, all_rays.scenario.radar)
+        within[block] = all_rays.outer.visible(aircraft, all_rays.scenario.radar)
     return Survey(all_rays, places, p_d, within)
 
 

@@ -52,7 +52,8 @@ def judged(
     Up to `MANY` draws are made until both values are confirmed or one is off. Draws to precision,
     up to `LAST`, may replace the values: they are made until both values are confirmed, or until
     the draws are better. They are better if a value that is not confirmed differs by more than the
-    noise, and the noise of both is small enough, of a first stage half as large.
+    noise, and the noise of both is small enough, of a first stage half as large. `most` is another
+    number of draws than `MANY` or `LAST`.
 
     The two values by a method, each (k,), are the bounds, to `read` with `of_bounds`, or mean and
     σ, with `of_moments`.
