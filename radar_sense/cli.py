@@ -298,7 +298,7 @@ def _option(analysis: Command, option: Option) -> click.Option:
     value = None if default else analysis.defaults.get(option.name)
     return click.Option(
         [f"--{option.name.replace('_', '-')}"],
-        help=option.help + default,
+        help=option.meaning + default,
         is_flag=option.flag,
         multiple=option.multiple,
         nargs=option.count,

@@ -56,6 +56,8 @@ class Option:
         flag: Whether the option takes no value.
         multiple: Whether the option may be given several times.
         positional: Whether the command line has the value without the name, after CONFIG.
+        needs: Names of options, of which one must be given with this one.
+        excludes: Names of options that cannot be given with this one.
     """
 
     name: str
@@ -68,6 +70,14 @@ class Option:
     flag: bool = False
     multiple: bool = False
     positional: bool = False
+    needs: tuple[str, ...] = ()
+    excludes: tuple[str, ...] = ()
+
+    @property
+    def meaning(self) -> str:
+        """The line in the help, with the options that this one needs."""
+        needed = " or ".join(f"--{name.replace('_', '-')}" for name in self.needs)
+        return f"{self.help} Needs {needed}." if needed else self.help
 
     def checked(self, value: Any) -> Any:
         """Return a value as the command takes it: numbers of Python, several in a tuple.
@@ -321,6 +331,7 @@ class Command:
         check_scenario(scenario)
         own = self._own(options)
         selected = self.selected(scenario, **options)
+        self._check_together(options)
         result = self.run(selected, **own)
         result.analysis = self.name
         result.shown = tuple(option.name for option in self.options)
@@ -348,6 +359,18 @@ class Command:
                 )
         return own
 
+    def _check_together(self, options: Mapping[str, Any]) -> None:
+        """Raise InputError if an option is given without what it needs, or with another one."""
+        given = {n for n, value in options.items() if value is not None and value is not False}
+        for option in (option for option in self.options if option.name in given):
+            if option.needs and given.isdisjoint(option.needs):
+                needed = " or ".join(map(repr, option.needs))
+                raise InputError(f"{option.name!r} needs {needed}")
+            for other in option.excludes:
+                if other in given:
+                    both = f"{option.name!r} and {other!r}"
+                    raise InputError(f"{both} exclude each other; give one of them")
+
     def selected(self, scenario: Scenario, **options: Any) -> Scenario:
         """Return the scenario with the chosen level, method, runs, seed and radar.
 
@@ -366,7 +389,7 @@ class Command:
         for option in own:
             # the signature shows a default that is not None
             default = option.default_text if self.defaults[option.name] is None else ""
-            meaning = re.sub("--([a-z-]+)", lambda o: o[1].replace("-", "_"), option.help)
+            meaning = re.sub("--([a-z-]+)", lambda o: o[1].replace("-", "_"), option.meaning)
             args += f"    {option.name}: {meaning}{default and f' Default: {default}.'}\n"
         if "executor" in self.defaults:
             args += "    executor: Computes the blocks of runs in place of threads.\n"

@@ -63,6 +63,7 @@ THRESHOLD = Option(
     "test is violated or not known.",
     limits.THRESHOLD,
     metavar="P_MAX",
+    excludes=("at_least",),
 )
 AT_LEAST = Option(
     "at_least",
@@ -71,11 +72,19 @@ AT_LEAST = Option(
     limits.P_MIN,
     metavar="P_MIN",
 )
-K = Option("k", "Number of sigma of the band.", limits.SIGMAS, metavar="K", default_text="3")
+K = Option(
+    "k",
+    "Number of sigma of the band.",
+    limits.SIGMAS,
+    metavar="K",
+    default_text="3",
+    excludes=("probability",),
+)
 PROBABILITY = Option(
     "probability",
     "Largest P(P_D > P_MAX), or P(P_D < P_MIN), that passes the test at a pose, in place of K: "
     "0.01 corresponds to K 2.326. Unlike with K, P_D itself may be beyond the limit.",
     limits.ABOVE,
     metavar="P",
+    needs=("threshold", "at_least"),
 )

@@ -242,7 +242,7 @@ LINES = (
     *(
         (*words.split(), "doubled.yaml", "--method", "doubled")
         for words in (
-            *(f"{name} --no-plot" for name in ("variance", "sensitivity", "budget", "map")),
+            *(f"{name} --no-plot" for name in ("variance", "sensitivity", "budget", "map --upper")),
             *("validate --digits 1 --no-plot", "range --step-deg 90 --no-plot", "report"),
         )
     ),

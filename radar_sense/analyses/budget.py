@@ -12,7 +12,6 @@ from radar_sense import options, plotting, words
 from radar_sense.analyses.required import OPTIONS, required_accuracy
 from radar_sense.analyses.verdict import requirement
 from radar_sense.command import Figure, Result, command
-from radar_sense.errors import InputError
 from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
@@ -60,8 +59,6 @@ def budget(
     """
     axis, method, result = scenario.axis, scenario.method, Result(scenario)
     asked = requirement(threshold, k, probability, at_least)
-    if asked is None and k is not None:
-        raise InputError("'k' needs 'threshold' or 'at_least'")
     needed, numbers = required_accuracy(scenario, asked, target, at)
     result.report += needed
     found = error_budget(scenario, method)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from radar_sense import options, plotting
 from radar_sense.analyses.margin import INTEGRATING, OPTIONS, margin
 from radar_sense.command import Axes, Figure, Result, Table, command
-from radar_sense.errors import InputError, counted
+from radar_sense.errors import counted
 from radar_sense.model.detectors import DETECTORS, Detector, Swerling2, linearize, required_snr
 from radar_sense.scenario import Scenario
 from radar_sense.words import describe_detector, describe_extreme, peak
@@ -31,11 +32,9 @@ REQUIRED = (0.5, 0.9)
 
 
 @command(
-    options.LEVEL,
     options.ONE_RADAR,
-    options.METHOD,
     *OPTIONS,
-    options.K,
+    *(replace(option, needs=("p_d",)) for option in (options.LEVEL, options.METHOD, options.K)),
     examples=(
         "radar-sense detectors",
         "radar-sense detectors --p-d 0.9 --pulses 24",
@@ -56,9 +55,6 @@ def detectors(
     """
     if p_d is not None:
         return margin(scenario, p_d, pulses, k or 3.0)
-    for name, value in (("pulses", pulses), ("k", k)):
-        if value is not None:
-            raise InputError(f"'{name}' needs 'p_d'")
     result = Result(scenario)
     p_fas = sorted({*P_FAS, *(model.p_fa for model in scenario.model.models)}, reverse=True)
     ratios = 10.0 ** (SNR_DB / 10.0)

@@ -50,14 +50,14 @@ AROUND = "around radars and path"
 
 
 @command(
-    options.LEVEL,
+    replace(options.LEVEL, needs=("upper",)),
     options.ONE_RADAR,
     Option("upper", "Show the upper bound in place of P_D.", flag=True),
-    replace(options.K, help="Number of sigma of --upper."),
+    replace(options.K, needs=("upper",)),
     replace(
         options.METHOD_BUT_DRAWS,
-        help=f"For --upper. {options.METHOD_BUT_DRAWS.help} "
-        "automatic is form, checked in some cells.",
+        help=f"{options.METHOD_BUT_DRAWS.help} automatic is form, checked in some cells.",
+        needs=("upper",),
     ),
     Option(
         "north_km",
@@ -87,7 +87,12 @@ AROUND = "around radars and path"
         default_text="0.1, 0.5 and 0.9",
         multiple=True,
     ),
-    Option("worst_heading", "Show the largest P_D over all headings.", flag=True),
+    Option(
+        "worst_heading",
+        "Show the largest P_D over all headings.",
+        flag=True,
+        excludes=("upper", "course_deg"),
+    ),
     options.WORKER_THREADS,
     examples=(
         "radar-sense map",
@@ -129,12 +134,6 @@ def coverage_map(
     # draws would take too long in every cell: they check some of the cells
     scenario = scenario.with_analysis(method="form" if scenario.method == AUTOMATIC else None)
     method = scenario.method
-    if worst_heading and upper:
-        raise InputError("'worst_heading' and 'upper' exclude each other; give one of them")
-    if worst_heading and course_deg is not None:
-        raise InputError("'worst_heading' and 'course_deg' exclude each other; give one of them")
-    if k is not None and not upper:
-        raise InputError("'k' needs 'upper'")
     if not len(p_d):
         raise InputError("'p_d' must have the P_D of one contour line or more")
     k, contours, result = k or 3.0, sorted(set(p_d)), Result(scenario)

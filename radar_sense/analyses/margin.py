@@ -48,7 +48,7 @@ OPTIONS = (
         Limit(above=0, below=1),
         metavar="P_D",
     ),
-    Option("pulses", "Pulses integrated, with --p-d.", PULSES, default_text="the radar's"),
+    Option("pulses", "Pulses integrated.", PULSES, default_text="the radar's", needs=("p_d",)),
 )
 #: The detectors that integrate pulses.
 INTEGRATING = [d for d in dict.fromkeys(DETECTORS.values()) if issubclass(d, PulseDetector)]

@@ -80,9 +80,16 @@ class Mission:
 @command(
     options.LEVEL,
     options.ONE_RADAR,
-    Option("track", "M N: a track is M detections in N looks in a row.", WINDOW, "M N", count=2),
-    Option("m", "With --n: detections that start a track.", WINDOW),
-    Option("n", "With --m: length of the window of consecutive looks, 12 at most.", WINDOW),
+    Option(
+        "track",
+        "M N: a track is M detections in N looks in a row.",
+        WINDOW,
+        "M N",
+        count=2,
+        excludes=("m", "n"),
+    ),
+    Option("m", "Detections that start a track.", WINDOW, needs=("n",)),
+    Option("n", "Length of the window of consecutive looks, 12 at most.", WINDOW, needs=("m",)),
     replace(options.K, help="Number of sigma of the band, 3 at most.", limit=REACHED),
     Option("runs", "Also make this number of plain draws.", RUNS, default_text="none"),
     options.SEED_OF_DRAWS,
@@ -187,10 +194,6 @@ def mission(
 
 def _window(track: Sequence[int] | None, m: int | None, n: int | None) -> tuple[int, int] | None:
     """Return m and n of a track, given together or one by one."""
-    if (m is None) != (n is None):
-        raise InputError("'m' and 'n' belong together, such as 3 and 5")
-    if m is not None and track is not None:
-        raise InputError("give either 'track' or 'm' and 'n'")
     if m is not None and n is not None:
         track = m, n
     if track is None:

@@ -23,14 +23,20 @@ from radar_sense.scenario import Scenario
 from radar_sense.sources import sources_of
 
 OPTIONS = (
-    Option("target", "Also the accuracy at which 3 sigma is X.", TARGET, metavar="X"),
+    Option(
+        "target",
+        "Also the accuracy at which 3 sigma is X.",
+        TARGET,
+        metavar="X",
+        excludes=("threshold", "at_least"),
+    ),
     dataclasses.replace(
         options.THRESHOLD, help="Also the accuracy at which P_D + K sigma is P_MAX."
     ),
     dataclasses.replace(
         options.AT_LEAST, help="Also the accuracy at which P_D - K sigma is P_MIN."
     ),
-    dataclasses.replace(options.K, help="Number of sigma of --threshold or --at-least."),
+    dataclasses.replace(options.K, needs=("threshold", "at_least")),
     options.PROBABILITY,
     Option(
         "at",
@@ -55,8 +61,6 @@ def required_accuracy(
         InputError: If options do not go together, or there is no such pose.
     """
     option = "target" if asked is None else "at_least" if asked.at_least else "threshold"
-    if target is not None and asked is not None:
-        raise InputError(f"'target' and '{option}' exclude each other; give one of them")
     limit, method = target if asked is None else asked.limit, scenario.method
     if limit is None:
         return [], {}

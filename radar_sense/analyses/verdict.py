@@ -15,7 +15,6 @@ from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
 from radar_sense.axis import Axis, runs_of
 from radar_sense.command import Axes, Result
-from radar_sense.errors import InputError
 from radar_sense.montecarlo.exceedance import share_beyond
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
@@ -34,18 +33,9 @@ def requirement(
     """Return what the options require of P_D; None without a threshold and without P_MIN.
 
     A probability stands for k: P_D is beyond its bound at kσ with a probability of Φ(−k).
-
-    Raises:
-        InputError: If options exclude each other, or a probability stands alone.
     """
-    if threshold is not None and at_least is not None:
-        raise InputError("'threshold' and 'at_least' exclude each other; give one of them")
     limit = threshold if at_least is None else at_least
     if probability is not None:
-        if limit is None:
-            raise InputError("'probability' needs 'threshold' or 'at_least'")
-        if k is not None:
-            raise InputError("'k' and 'probability' exclude each other; give one of them")
         k = -float(ndtri(probability))
     if limit is None:
         return None

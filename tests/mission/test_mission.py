@@ -121,7 +121,7 @@ def test_refusals(tmp_path):
         ("n must be a whole number", s, {"m_of_n": (1, 13)}),
         ("m not greater than n, got 3 of 2", s, {"m_of_n": (3, 2)}),
         ("runs must be", s, {"runs": 1}),
-        ("give either 'track' or 'm' and 'n'", s, {"m_of_n": (2, 3), "track": (2, 3)}),
+        ("'track' and 'm' exclude each other", s, {"m_of_n": (2, 3), "track": (2, 3)}),
         ("track must be 2 values", s, {"track": (2, 3, 4)}),
         ("radar.scan_period_s makes more than", load(tmp_path, radar__scan_period_s=1e-4), {}),
         ("radar.scan_period_s must be", load(tmp_path, radar__scan_period_s=1e-19), {}),
