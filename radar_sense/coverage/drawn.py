@@ -6,7 +6,7 @@ value within the limits of the radar. It may be at a limit, in another lobe, or 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,21 +29,22 @@ class DrawnRanges:
         places: Places along the rays.
         states: Uncertain states (n,) about which errors are drawn, one on each ray.
         snr: Signal-to-noise ratio at the range.
-        looks: At how many places a draw was looked at, on average, in each block so far.
+        looks: At how many places (n,) a draw was looked at, on average, of the last draws.
     """
 
     around: Rays
     places: Places
     states: UncertainStates
     snr: float
-    looks: list[float] = field(default_factory=list)
+    looks: FloatArray
 
     @classmethod
     def about(cls, around: Rays, places: Places, centre: FloatArray, p_d: float) -> DrawnRanges:
         """Return the ranges with a P_D, for errors that matter at distances (n,) along the rays."""
         (radar,) = around.limited.radars
         snr = required_snr(radar.model.detector, radar.model.p_fa, p_d)
-        return cls(around, places, around.at(centre, limits=True).states(), snr)
+        states = around.at(centre, limits=True).states()
+        return cls(around, places, states, snr, np.zeros(len(centre)))
 
     def estimate(self, rays: NDArray[np.intp], draws: int, beta: float) -> Estimate:
         """Return what draws say of the range along some rays (j,)."""
@@ -52,15 +53,16 @@ class DrawnRanges:
             [self._of(rays[part], draws, beta) for part in slices(len(rays), size)]
         )
 
-    def _of(self, rays: NDArray[np.intp], draws: int, beta: float) -> Estimate:
-        around, states = self.around.part(rays), self.states.at(rays)
+    def _of(self, some: NDArray[np.intp], draws: int, beta: float) -> Estimate:
+        around, states = self.around.part(some), self.states.at(some)
         (radar,) = around.limited.radars
 
         def ranges(rows: slice, aircraft: FloatArray, radars: FloatArray) -> FloatArray:
             nominal = self.places.states(around.part(rows))
             errors = aircraft - states.aircraft[rows, np.newaxis]
-            distance, looks = self.places.farthest(nominal, radar, self.snr, errors, radars)
-            self.looks.append(looks)
+            distance, self.looks[some[rows]] = self.places.farthest(
+                nominal, radar, self.snr, errors, radars
+            )
             return self._slant(slant_range(nominal, self.around.scenario.radar), distance)
 
         return estimate_of(ranges, states, draws, beta)

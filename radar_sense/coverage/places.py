@@ -76,10 +76,10 @@ class Places:
         snr: float,
         errors: FloatArray,
         states: FloatArray,
-    ) -> tuple[FloatArray, float]:
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the farthest distances (j, n) with enough signal, within the limits; 0 for none.
 
-        Also returned is at how many places a draw is looked at, on average.
+        Also returned is at how many places (j,) a draw is looked at, on average.
 
         Args:
             nominal: States (j, k, 6) of the aircraft at the places of j rays.
@@ -109,23 +109,25 @@ class Places:
         part = (edge - self.distance[low]) / np.diff(self.distance)[low]
         place = places[:, ray, low] + part * (places[:, ray, low + 1] - places[:, ray, low])
         near = slant_range((place + of_aircraft).T, of_radar.T) < radar.min_range
-        return np.where(near, 0.0, edge).reshape(shape), looks
+        return np.where(near, 0.0, edge).reshape(shape), looks.reshape(shape).mean(axis=1)
 
     @np.errstate(divide="ignore", invalid="ignore")  # of draws that have no place inside
-    def _search(self, look: Look, draws: int) -> tuple[FloatArray, float]:
+    def _search(self, look: Look, draws: int) -> tuple[FloatArray, NDArray[np.intp]]:
         """Return the farthest distances (l,) of draws that are inside: signal enough, in limits.
 
         The search goes inward from the farthest place, and passes no lobe, until a place is inside
         but for the mask. Then it looks between this and the nearest that is known not to be. Where
         the mask hides the place that it finds, it goes on inward. Also returned is how often it
-        looks, on average.
+        looks (l,).
         """
         last = len(self.distance) - 1
         low, high = np.full(draws, -1), np.full(draws, last + 1)
         at_low, at_high = np.full((2, 3, draws), np.inf)
-        at, left, rounds, looks = np.full(draws, last), np.arange(draws), 0, 0
+        at, left, rounds = np.full(draws, last), np.arange(draws), 0
+        looks = np.zeros(draws, dtype=np.intp)
         while left.size:
-            found, here, looks = look(left, at[left]), at[left], looks + left.size
+            found, here = look(left, at[left]), at[left]
+            looks[left] += 1
             inside = np.all(found[:2] >= 0, axis=0)
             for which, end, values in ((inside, low, at_low), (~inside, high, at_high)):
                 end[left[which]], values[:, left[which]] = here[which], found[:, which]
@@ -141,7 +143,7 @@ class Places:
             between = np.clip(between, ends[0] + 1, ends[1] - 1)
             at[left] = np.where(ends[0] < 0, self._inward(ends[1], *at_high[:2, left]), between)
             rounds += 1
-        return self._edge(low, high, at_low, at_high), looks / draws
+        return self._edge(low, high, at_low, at_high), looks
 
     def _inward(
         self, at: NDArray[np.intp], excess: FloatArray, margin: FloatArray

@@ -80,7 +80,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     draws = DrawnRanges.about(around, seen.places, centre, value)
     staged = StagedDraws(partial(draws.estimate, beta=k), np.full(len(free), FIRST))
     first = staged.until(lambda rows, found: np.full(len(rows), True), FIRST)
-    most = MANY // (1 + int(np.mean(draws.looks)) // LOOKS)
+    most = MANY // (1 + draws.looks.astype(int) // LOOKS)
 
     total, by_source = _to_first_order(around, np.where(exists & ~reach.endless, free, np.nan))
     if method == "linear":  # as if there were no limit, and cut off there
@@ -105,7 +105,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         (_, std), (_, error) = found.moments
         return np.asarray(error <= ERROR_OF_STD * std)
 
-    std = staged.until(precise, min(most, FURTHER)).moments[0][1]
+    std = staged.until(precise, np.minimum(most, FURTHER)).moments[0][1]
     if method == "linear":
         first_order, of_draws = np.where(reach.limited, np.nan, total), std
         off |= abs(first_order - of_draws) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * of_draws

@@ -40,7 +40,7 @@ def judged(
     read: Callable[[Estimate], tuple[FloatArray, ...]],
     *,
     to_precision: bool,
-    most: int | None = None,
+    most: NDArray[np.intp] | None = None,
 ) -> tuple[Estimate, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return what draws say of P_D, where (k,) they confirm two values, and where one is off.
 
@@ -53,7 +53,7 @@ def judged(
     up to `LAST`, may replace the values: they are made until both values are confirmed, or until
     the draws are better. They are better if a value that is not confirmed differs by more than the
     noise, and the noise of both is small enough, of a first stage half as large. `most` is another
-    number of draws than `MANY` or `LAST`.
+    number (k,) of draws than `MANY` or `LAST`.
 
     The two values by a method, each (k,), are the bounds, to `read` with `of_bounds`, or mean and
     σ, with `of_moments`.
@@ -78,7 +78,8 @@ def judged(
         confirmed, off, better = compared(rows, found)
         return confirmed | (better if to_precision else off)
 
-    drawn = staged.until(settled, most or (LAST if to_precision else MANY))
+    usual = LAST if to_precision else MANY
+    drawn = staged.until(settled, usual if most is None else most)
     confirmed, off, _ = compared(slice(None), drawn)
     return drawn, confirmed, off
 

@@ -59,12 +59,12 @@ class StagedDraws:
     def until(
         self,
         settled: Callable[[NDArray[np.intp], Estimate], NDArray[np.bool_]],
-        most: int,
+        most: int | NDArray[np.intp],
         rows: NDArray[np.intp] | None = None,
     ) -> Estimate:
         """Return what draws say of P_D, NaN at poses that are not among the rows.
 
-        More draws, but no more than `most`, are made at poses (j,) where their estimate is not
+        More draws, but no more than `most` (k,), are made at poses (j,) where their estimate is not
         `settled` (j,).
         """
         k = len(self._at_first)
@@ -74,7 +74,7 @@ class StagedDraws:
         while rows.size:
             rows = rows[~settled(rows, drawn.at(rows))]
             report("poses looked at by draws", k - rows.size, k)
-            rows = rows[drawn.draws[rows] * GROWTH <= most]
+            rows = rows[drawn.draws[rows] * GROWTH <= np.broadcast_to(most, k)[rows]]
             self._draw(drawn, rows, GROWTH * drawn.draws[rows].astype(int))
         report("poses looked at by draws", k, k)
         return drawn
