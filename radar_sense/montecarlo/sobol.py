@@ -53,9 +53,10 @@ def sobol_indices(
 ) -> SobolIndices:
     """Return indices of groups of independent standard normal inputs, NaN where nothing varies.
 
-    The sample is a scrambled Sobol' sequence and the estimators are those of A. Saltelli et al.
-    (Comput. Phys. Commun. 181, 2010), with a group in place of one input. The outputs are computed
-    in blocks to limit the memory.
+    The sample is a scrambled Sobol' sequence. The estimators are those of I. Azzini, T. A. Mara and
+    R. Rosati (Environ. Model. Softw. 144, 2021), with a group in place of one input. Their errors
+    are small where an index is small, and a first-order index is at most the total one. The outputs
+    are computed in blocks to limit the memory.
 
     Args:
         function: Returns some outputs (k, m) at inputs (m, d). The slice selects the outputs.
@@ -63,7 +64,7 @@ def sobol_indices(
             contain other groups.
         outputs: Number of outputs, s.
         samples: Base samples, rounded up to a power of two for each replicate. The function is
-            evaluated g + 2 times for each base sample.
+            evaluated 2g + 2 times for each base sample.
         seed: Seed of the scramblings.
     """
     # scipy.stats is slow to import
@@ -145,9 +146,9 @@ def _indices(
     mean = both.mean(axis=1)
     first, total = np.empty((2, len(groups), len(mean)))
     for i, group in enumerate(groups):
-        mixed = a.copy()
-        mixed[:, list(group)] = b[:, list(group)]
-        change = function(mixed, outputs) - at_a
-        first[i] = np.mean((at_b - mean[:, np.newaxis]) * change, axis=1)
-        total[i] = np.mean(change**2, axis=1) / 2.0
+        near_a, near_b = a.copy(), b.copy()
+        near_a[:, list(group)], near_b[:, list(group)] = b[:, list(group)], a[:, list(group)]
+        change, back = function(near_a, outputs) - at_a, at_b - function(near_b, outputs)
+        first[i] = np.mean(change * back, axis=1) / 2.0
+        total[i] = np.mean(change**2 + back**2, axis=1) / 4.0
     return mean, both.var(axis=1), first, total

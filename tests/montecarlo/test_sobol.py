@@ -46,6 +46,17 @@ def test_indices_known_in_closed_form(samples):
     np.testing.assert_allclose(found.variance, [17.25, 1, 0, 2], rtol=10 / np.sqrt(samples))
 
 
+def test_a_small_index_is_known_as_well_as_a_large_one():
+    """The second input has a millionth of the variance; the third nothing but an interaction."""
+    f = lambda u, _: (u[:, 0] + 1e-3 * u[:, 1] + 0.1 * u[:, 0] * u[:, 2])[np.newaxis]  # noqa: E731
+    found = sobol_indices(f, [[0], [1], [2]], outputs=1, samples=1024, seed=1)
+    variance = 1 + 1e-6 + 0.01
+    np.testing.assert_allclose(found.first[:2, 0], np.array([1, 1e-6]) / variance, rtol=0.1)
+    np.testing.assert_allclose(found.total[1:, 0], np.array([1e-6, 0.01]) / variance, rtol=0.1)
+    assert np.all(abs(found.first) <= found.total)
+    assert found.first_error[1, 0] < 0.1 * found.first[1, 0]
+
+
 def test_standard_errors_are_the_spread_over_seeds():
     indices = [
         sobol_indices(several_outputs, GROUPS, outputs=4, samples=256, seed=seed)
@@ -112,7 +123,7 @@ def test_blocks_of_outputs_do_not_change_a_bit(monkeypatch, values):
     expected = sobol_indices(nine, [[0], [1]], outputs=9, samples=2**11, seed=3)
     monkeypatch.setattr(sobol, "MAX_NUMBERS", values)
     indices = sobol_indices(counted, [[0], [1]], outputs=9, samples=2**11, seed=3)
-    assert sum(sizes) == 9 * 8 * (2 + 2)
+    assert sum(sizes) == 9 * 8 * (2 * 2 + 2)
     assert (min(sizes), max(sizes)) == ((1, 1) if values < 10**7 else (9, 9))
     for field in vars(expected):
         assert getattr(indices, field).tobytes() == getattr(expected, field).tobytes()
