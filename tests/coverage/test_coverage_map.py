@@ -53,19 +53,18 @@ def square(s, corner, down=None, course=None, side=1e3):
 
 def test_cells_are_those_of_the_model():
     s = scenario(aircraft__attitude_deg=[3, -2, 90], geometry__down_km=-4)
-    cells = area.grid(s, down=-7e3, course=math.radians(20), **SMALL)
-    assert cells.shape == (25, 21)
-    (p_d,) = area.p_d_in_cells(cells)
-    assert p_d.dtype == np.float32
-    for i, j in ((0, 0), (3, 17), (24, 20), (12, 5)):
-        state = [cells.north[i], cells.east[j], -7e3, *np.deg2rad([3, -2, 20])]
-        np.testing.assert_allclose(p_d[i, j], s.model.p_d(state, s.radar), rtol=1e-7)
-    assert (cells.north[0], cells.north[-1], cells.east[0], cells.east[-1]) == (
-        -600e3, 600e3, -300e3, 700e3,
-    )  # fmt: skip
-    (own,) = area.p_d_in_cells(area.grid(s, **SMALL))
-    state = [cells.north[3], cells.east[4], -4e3, *np.deg2rad([3, -2, 90])]
-    np.testing.assert_allclose(own[3, 4], s.model.p_d(state, s.radar), rtol=1e-7)
+    for given, pose in (
+        ({"down_km": -7, "course_deg": 20}, [-7e3, *np.deg2rad([3, -2, 20])]),
+        ({}, [-4e3, *np.deg2rad([3, -2, 90])]),
+    ):
+        table = coverage_map(s, **given, **SMALL).table
+        north, east, p_d = table["north_m"], table["east_m"], table["p_d"]
+        assert p_d.shape == (25, 21)
+        assert p_d.dtype == np.float32
+        for i, j in ((0, 0), (3, 17), (24, 20), (12, 5)):
+            state = [north[i], east[j], *pose]
+            np.testing.assert_allclose(p_d[i, j], s.model.p_d(state, s.radar), rtol=1e-7)
+        assert (*north[[0, -1]], *east[[0, -1]]) == (-600e3, 600e3, -300e3, 700e3)
 
 
 @pytest.mark.parametrize("method", SMOOTH)
@@ -428,26 +427,6 @@ def test_a_map_warns_of_bounds_above_one_and_of_unreliable_bounds():
     assert "high, form" in automatic.report[0]  # draws in every cell take too long
     # only its lower bound is off, in one of the cells
     assert not any("off in" in w for w in automatic.warnings)
-
-
-def test_command(tool):
-    args = "--north-km -610 590 --step-km 40 --format png --upper --method probit --level high"
-    code, out, err = tool("map", *args.split(), "--down-km", -5, "--course-deg", 30, "--workers", 2)
-    assert code == 0
-    assert err.startswith("Warning: the probit bound is off in ")
-    assert err.count("\n") == 1
-    for ending in ("npz", "png", "json"):
-        assert f"figures/paper_map.{ending}\n" in out
-    with np.load("figures/paper_map.npz") as data:
-        assert data["p_d"].shape == (len(data["north_m"]), len(data["east_m"])) == (31, 31)
-        assert data["p_d"].dtype == data["upper_3sigma"].dtype == np.float32
-        state = [data["north_m"][2], data["east_m"][3], -5e3, 0, 0, np.deg2rad(30)]
-        s = scenario()
-        np.testing.assert_allclose(data["p_d"][2, 3], s.model.p_d(state, s.radar), rtol=1e-7)
-        assert np.all(data["upper_3sigma"] >= data["p_d"])
-    record = read_record("figures/paper_map.json")
-    assert record["summary"]["cells"] == [31, 31]
-    assert record["summary"]["down_km"] == -5
 
 
 @pytest.mark.parametrize(
