@@ -61,14 +61,10 @@ SCENARIOS = {
 
 #: Names and number of the levels change the figure of `sensitivity`, and the footer of all others.
 #: An axis that runs backwards is the same in all figures.
-LAYOUTS = [
-    (analysis, kind)
-    for analysis in ALL
-    for kind in SCENARIOS
-    if (kind not in ("long names", "many levels") or analysis == "sensitivity")
-    and (kind != "backwards" or analysis == "variance")
-    and (kind != "no uncertainty" or analysis in ("budget", "montecarlo", "validate"))
-]
+OF_ONE = {"long names": "sensitivity", "many levels": "sensitivity", "backwards": "variance"}
+LAYOUTS = [(analysis, kind) for analysis in ALL for kind in ("paper", "one pose")]
+LAYOUTS += [(analysis, kind) for kind, analysis in OF_ONE.items()]
+LAYOUTS += [(analysis, "no uncertainty") for analysis in ("budget", "montecarlo", "validate")]
 
 
 @pytest.mark.parametrize(("analysis", "kind"), LAYOUTS)
@@ -112,19 +108,15 @@ FOOTERS = {
 }
 
 
-@pytest.mark.parametrize("analysis", FOOTERS)
-def test_the_footer_names_what_the_numbers_depend_on(analysis):
-    s = load_scenario().at_poses(slice(0, None, 60))
+def test_the_footer_names_what_the_numbers_depend_on():
+    s = load_scenario().at_poses(slice(0, 1))
     s = s.with_analysis(level="high", runs=50, method="form")
-    assert getattr(analyses, analysis)(s).plot().get_supxlabel() == FOOTERS[analysis]
-
-
-def test_the_footer_of_a_map_has_a_method_only_if_a_bound_is_shown():
-    s = load_scenario()
-    plain = analyses.coverage_map(s, step_km=200)
-    bound = analyses.coverage_map(s, step_km=200, upper=True)
-    assert plain.small_print == "scenario paper"
-    assert bound.small_print == "scenario paper, level medium, method linear"
+    for analysis, footer in FOOTERS.items():
+        assert getattr(analyses, analysis)(s).small_print == footer
+    area = {"north_km": (0, 90), "east_km": (0, 90), "step_km": 90}
+    assert analyses.coverage_map(s, **area).small_print == "scenario paper"
+    bound = analyses.coverage_map(s, **area, upper=True)
+    assert bound.small_print == FOOTERS["variance"]
 
 
 def test_a_long_footer_is_on_several_lines():
@@ -326,23 +318,13 @@ def test_layout_of_detectors(p_fa, monkeypatch):
         assert len(styles) == len(lines)
 
 
-def test_ten_thousand_runs_make_a_small_file_that_says_so():
-    # lines at all poses would make a large file
-    s = scenario(geometry__azimuth_deg=AZIMUTHS).with_analysis(runs=10_000)
-    figure = analyses.montecarlo(s, workers=2).plot()
-    assert any("500 of 10000 runs" in text.get_text() for text in figure.legends[0].get_texts())
-    assert len(plotting.render(figure, "svg")) < 1_000_000  # a PDF is compressed
-
-
-def test_two_panels_of_the_monte_carlo_figure():
-    figure = analyses.montecarlo(load_scenario()).plot()
+def test_of_many_runs_some_are_drawn():
+    figure = analyses.montecarlo(load_scenario().with_analysis(runs=600)).plot()
     top, bottom = figure.axes
     assert "Error" in bottom.get_ylabel()
     passes = np.exp(top.images[0].get_array().filled(-np.inf))
     assert passes.sum(axis=0).min() >= 500  # each run passes each column
-    low, high = bottom.get_ylim()
-    assert low < -0.09
-    assert high > 0.09
+    assert any("500 of 600 runs" in text.get_text() for text in figure.legends[0].get_texts())
 
 
 def test_very_many_poses_make_a_small_file():
@@ -398,21 +380,11 @@ def test_the_picture_of_runs_counts_the_runs_through_each_pixel(count, falling):
         assert np.all(np.diff(seen) == 1)
         assert middles[of_row][seen[-1]] == pytest.approx(row.max(), abs=1 / height)
         assert middles[of_row][seen[0]] == pytest.approx(row.min(), abs=1 / height)
+    assert passes.size < 400_000  # however many poses there are
     if count == 40:  # one run passes a pixel once or, at a pose, twice
         assert passes.max() <= 2
     between = (middles > 0.62) & (middles < 0.78)
     assert passes[between].max() == 0
-
-
-def test_many_runs_of_many_poses_make_a_picture_of_the_same_size():
-    """A million poses took 2 GB, and minutes to draw."""
-    shapes = set()
-    for count in (3, 100_000):
-        axes = Figure().subplots()
-        rows = np.random.default_rng(1).random((2, count))
-        plotting.draw_sample_paths(axes, np.linspace(0, 1, count), rows, "runs")
-        shapes.add(axes.images[0].get_array().shape)
-    assert len(shapes) == 1
 
 
 @pytest.mark.parametrize("name", ["budget", "montecarlo", "map", *POLAR])
@@ -447,20 +419,6 @@ def test_the_layout_of_ones_own_figure_stays():
     engine = figure.get_layout_engine()
     assert result.plot(ax=right) is figure
     assert figure.get_layout_engine() is engine
-
-
-def test_axes_of_a_subfigure():
-    figure = Figure()
-    axes = figure.subfigures(1, 2)[0].subplots()
-    assert analyses.variance(load_scenario()).plot(ax=axes) is figure
-    assert axes.lines
-
-
-def test_long_small_print_is_wrapped():
-    figure = analyses.budget(load_scenario("configs/paper.yaml").at_poses(slice(0, 3))).plot()
-    plotting.add_small_print(figure, "below 1% of the total: " + "a long name, " * 20)
-    assert len(figure.get_supxlabel().splitlines()) > 4
-    figure.draw_without_rendering()
-    extent = figure._supxlabel.get_window_extent()
-    assert 0 < extent.x0 < 0.2 * figure.bbox.width
-    assert extent.x1 < figure.bbox.width
+    axes = Figure().subfigures(1, 2)[0].subplots()
+    assert result.plot(ax=axes) is axes.get_figure(root=True)
+    assert axes.images

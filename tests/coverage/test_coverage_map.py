@@ -8,17 +8,7 @@ import re
 import numpy as np
 import pytest
 from earth import flight
-from helpers import (
-    CONFIGS,
-    corridor,
-    csv_text,
-    document,
-    lay_out,
-    read_record,
-    scenario,
-    with_arrays,
-    yaml_text,
-)
+from helpers import CONFIGS, corridor, csv_text, document, lay_out, scenario, with_arrays, yaml_text
 from matplotlib.collections import LineCollection
 from scipy.optimize import brentq
 
