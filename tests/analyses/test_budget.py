@@ -123,7 +123,7 @@ def test_a_small_contribution_has_one_digit_in_the_report():
 
 
 @pytest.mark.parametrize("rounding", [-4.5e-16, 4.5e-16])
-@pytest.mark.parametrize("limit", [0.25, 1.0, np.nextafter(4.0, 0.0)])
+@pytest.mark.parametrize("limit", [0.25, np.nextafter(4.0, 0.0)])
 def test_required_accuracies_where_a_limit_is_a_value(limit, rounding, monkeypatch):
     """The last bit of a value may depend on the other poses."""
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 45})
@@ -200,7 +200,7 @@ def test_methods_other_than_linear_add_columns():
             assert bool(means) == (method != "linear")  # by `linear` the mean is P_D itself
 
 
-@pytest.mark.parametrize("method", ["linear", "form", "automatic"])
+@pytest.mark.parametrize("method", ["linear", "automatic"])
 def test_tiny_targets_are_reached(method):
     s = scenario(geometry__azimuth_deg=FEW)
     factor = required_accuracies(s, 1e-6, method=method)["all"].factor

@@ -387,7 +387,7 @@ def test_the_picture_of_runs_counts_the_runs_through_each_pixel(count, falling):
     assert passes[between].max() == 0
 
 
-@pytest.mark.parametrize("name", ["budget", "montecarlo", "map", *POLAR])
+@pytest.mark.parametrize("name", ["montecarlo", "map", *POLAR])
 def test_axes_of_ones_own(name):
     """The figure has what `plot()` draws, on these axes and no others but colour bars."""
     analysis, kinds = POLAR.get(name, (ALL.get(name, analyses.map), None))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
+    MIXED_NUMBER,
     MIXED_SEARCH_STD,
     MIXED_TRACK_STD,
     TOLERANCES,
@@ -158,13 +159,6 @@ def test_the_command_shows_the_parts(tool):
     assert again.tolerances == mixed_network().tolerances
 
 
-def test_the_figure_of_a_network_shows_whole_sources():
-    result = analyses.budget(mixed_network())
-    labels = [line.get_label() for line in result.plot().axes[0].lines]
-    assert {"a", "b", "c", "total"} <= set(labels)
-    assert len(labels) == len(result.summary["at_largest"]) + 1
-
-
 def test_check_shows_the_distribution_of_every_constant(tool):
     write(yaml_text(mixed_document()))
     code, out, _ = tool("check", "my.yaml")
@@ -205,22 +199,36 @@ def test_the_name_of_a_radar_changes_no_number():
             assert_array_equal(found[name], std)
 
 
-@pytest.mark.parametrize("method", ["linear", "montecarlo"])
-def test_a_badly_known_place_of_a_radar_with_a_data_sheet_comes_first(method):
-    """By `linear`, half the deviation of a source leaves √(total² − ¾ of its own)."""
+@pytest.mark.parametrize(
+    ("radar", "position_m", "constant"),
+    [(0, 15_000, MIXED_SEARCH_STD), (2, 4000, 0.2 * MIXED_NUMBER[0])],
+)
+def test_the_largest_piece_of_all_radars_comes_first(radar, position_m, constant):
+    """A badly known place, or a parameter though c is uncertain by both place and c_r.
+
+    Half the deviation leaves √(total² − ¾ of its own) by `linear`.
+    """
     radars = mixed_radars()
-    radars[0]["uncertainty"]["sheet"]["position_m"] = 15_000
-    s = mixed_network(radars, sweep=(60, 60, 1), runs=2048).with_analysis(method=method)
-    result = analyses.budget(s)
+    radars[radar]["uncertainty"]["sheet"] = {"position_m": position_m, "constant": constant}
+    s = mixed_network(radars, sweep=(60, 60, 1), runs=2048)
+    result = analyses.budget(s, method="linear")
     table = {name: float(values[0]) for name, values in result.table.items()}
-    total, own = table["three_sigma_total"], table.get("three_sigma_a_position")
-    if method == "linear":
-        assert result.report[0].startswith("know better first: a_position, ")
-        assert result.report[0].endswith(
-            f"leaves {np.sqrt(total**2 - 0.75 * own**2):.4f} of {total:.4f}"
-        )
-    else:  # Sobol' indices are of whole radars
-        assert result.report[0].startswith("know better first: a, ")
+    pieces = {
+        name.removeprefix("three_sigma_"): value
+        for name, value in table.items()
+        if re.fullmatch(r"three_sigma_([abc]_(position|constant.*)|aircraft_\w+)", name)
+        and name not in ("three_sigma_a_constant", "three_sigma_b_constant")
+    }
+    largest, total = max(pieces, key=pieces.__getitem__), table["three_sigma_total"]
+    assert largest == "a_position" if radar == 0 else "_constant_" in largest
+    left = np.sqrt(total**2 - 0.75 * pieces[largest] ** 2)
+    assert result.report[0].startswith(f"know better first: {largest}, ")
+    assert result.report[0].endswith(f"leaves {left:.4f} of {total:.4f}")
+    if radar == 0:  # Sobol' indices are of whole radars
+        first, *_ = analyses.budget(s, method="montecarlo").report
+        assert first.startswith("know better first: a, ")
+    labels = [line.get_label() for line in result.plot().axes[0].lines]
+    assert set(labels) == {"aircraft position", "aircraft orientation", "a", "b", "c", "total"}
 
 
 # A single radar.
@@ -267,27 +275,3 @@ def test_certain_parts_bring_nothing():
     assert not found.sources["radar_constant"].std.any()
     assert not np.any(list(stds_of(found.parts).values()))
     assert analyses.budget(s, method="montecarlo").report
-
-
-def test_a_radar_without_a_data_sheet_has_no_head_start():
-    """Single parameters of all radars compete, so that one of the largest radar is first.
-
-    The radar c is uncertain by place and c_r, each less than the largest parameter of b. Half of
-    both would leave less than half of that parameter.
-    """
-    radars = mixed_radars()
-    radars[2]["uncertainty"]["sheet"] = {
-        "position_m": 4000,
-        "constant": 0.2 * radars[2]["constant"],
-    }
-    s = mixed_network(radars, sweep=(60, 60, 1)).with_analysis(method="linear")
-    table = {name: float(v[0]) for name, v in analyses.budget(s).table.items()}
-    pieces = {
-        name.removeprefix("three_sigma_"): value
-        for name, value in table.items()
-        if re.fullmatch(r"three_sigma_([abc]_(position|constant.*)|aircraft_\w+)", name)
-        and name not in ("three_sigma_a_constant", "three_sigma_b_constant")
-    }
-    largest = max(pieces, key=pieces.__getitem__)
-    (line,) = (text for text in analyses.budget(s).report if text.startswith("know better first"))
-    assert line.startswith(f"know better first: {largest}, ")
