@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from helpers import csv_text, document, network_document, scenario, slopes, yaml_text
+from helpers import csv_text, document, scenario, slopes, yaml_text
 from numpy.testing import assert_allclose
 from routes import GEO
 from scenario_file.earth import to_ned
@@ -246,24 +246,6 @@ def test_a_radar_on_earth_has_its_own_vertical(tmp_path):
     full = dataclasses.replace(radar.model, factors=())
     ratio = radar.model.snr(s.aircraft[0], radar.state) / full.snr(s.aircraft[0], radar.state)
     assert_allclose(ratio, 10 ** (2 * cubic(math.degrees(elevation), GAIN) / 10), rtol=1e-9)
-
-
-def test_a_network_has_a_row_for_each_tilt(tmp_path):
-    files(tmp_path)
-    level = {"low": {"position_m": 1, "constant": 0.5, "tilt_deg": 0.4}}
-    alike = {"constant": C_R, "p_fa": P_FA, "elevation_gain": "gain.csv", "uncertainty": level}
-    radars = [
-        {"name": name, "position_m": [0, east, 0], "tilt_deg": tilt, **alike}
-        for name, east, tilt in (("one", 0, 0), ("two", 2e4, 1))
-    ]
-    content = network_document(*radars)
-    content["aircraft"]["rcs"] = SPHERE
-    content["geometry"] |= {"range_km": 300, "down_km": -8, "azimuth_deg": AT_10}
-    budget = error_budget(loaded(tmp_path, content))
-    assert min(budget.finer[f"{name}_tilt"].std.min() for name in ("one", "two")) > 0
-    for name in ("one", "two"):
-        parts = [budget.finer[f"{name}_{part}"].std for part in ("position", "constant", "tilt")]
-        assert_allclose(budget.sources[name].std, np.sqrt(sum(np.square(parts))), rtol=1e-9)
 
 
 def test_files_are_recorded_read_back_and_pickled(tool, tmp_path):

@@ -13,14 +13,12 @@ from helpers import (
     place,
     refusal,
     scenario,
-    slopes,
     target_in_the_north,
     with_arrays,
     yaml_text,
 )
 from mission.plain import PlainMissions
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.constants import Boltzmann
 from scipy.stats import norm
 from studies.bands import cases, truth
 from studies.bands.model import Oracle
@@ -30,8 +28,6 @@ from radar_sense import analyses
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import recombined_missions
-from radar_sense.model.network import NetworkModel
-from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import METHODS, distribution, propagate_scenario
@@ -243,44 +239,19 @@ def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypat
 # The attenuation alone.
 
 
-@pytest.mark.parametrize(
-    "rcs", [ConstantRCS(0.1), rs.EllipsoidRCS(0.15, 0.13, 0.21)], ids=["constant", "ellipsoid"]
-)
-def test_signal_and_partials_are_those_of_the_formula(rcs):
-    rng, plain = np.random.default_rng(18), rs.DetectionModel(rcs, 1e-6, rs.Swerling1())
+def test_the_signal_is_that_of_the_formula():
+    """Its partials are those of differences in `test_antenna`, with other factors."""
+    rng, plain = np.random.default_rng(18), rs.DetectionModel(ConstantRCS(0.1), 1e-6)
     model = dataclasses.replace(plain, factors=(rs.Attenuation(2e-5),))  # 0.02 dB/km
-    count = 60
-    whole = np.concatenate(
-        [rng.uniform(-2e5, 2e5, (count, 3)), rng.uniform(-1, 1, (count, 3)),
-         rng.uniform(-1e4, 1e4, (count, 3)), rng.uniform(1, 300, (count, 1)),
-         rng.uniform(-2, 2, (count, 3))], axis=1,
-    )  # fmt: skip
-    distance = np.linalg.norm(whole[:, :3] - whole[:, 6:9], axis=1) / 1e3
-    for radar, alpha in ((whole[:, 6:10], 0.02), (whole[:, 6:], 0.02 * np.exp(whole[:, 11]))):
-        expected = plain.snr(whole[:, :6], radar) * 10 ** (-2 * alpha * distance / 10)
-        assert_allclose(model.snr(whole[:, :6], radar), expected, rtol=1e-12)
-        loss = 2 * alpha * distance
-        assert np.quantile(loss, 0.1) > 0.5
-    lin = model.linearize(whole[:, :6], whole[:, 6:])
-    jacobian = np.concatenate([lin.jac_aircraft, lin.jac_radar], axis=1)
-    assert jacobian.shape == (count, 13)
-    steps = [1.0] * 3 + [1e-5] * 3 + [1.0] * 3 + [1e-4] * 4
-    expected = slopes(lambda s: model.p_d(s[:, :6], s[:, 6:]), whole, steps)
-    assert np.all(abs(jacobian - expected) <= 2e-6 * abs(expected).max(axis=0))
-    for states in (whole[:, 6:10], whole[:, 6:]):
-        one = NetworkModel((Radar(model),)).linearize(whole[:, :6], states)
-        expected = model.linearize(whole[:, :6], states).jac_radar
-        assert_allclose(one.jac_radar, expected, rtol=1e-12)
-
-
-def test_a_map_has_the_attenuation():
-    certain = parsed(("one",), attenuation="certain")
-    cells = {"north_km": (20, 90), "east_km": (0, 60), "step_km": 10.0}
-    plane = analyses.coverage_map(certain, **cells).table
-    north, east = np.meshgrid(plane["north_m"], plane["east_m"], indexing="ij")
-    distance = np.sqrt(north**2 + east**2 + (6e3 - 20) ** 2)
-    snr = 0.04 * AREA * 10 ** (-2 * 0.05 * distance / 1e4) / (Boltzmann * distance**4)
-    assert_allclose(plane["p_d"], P_FA ** (1 / (1 + snr)), rtol=1e-6)
+    aircraft, radar = rng.uniform(-2e5, 2e5, (60, 6)), rng.uniform(1, 300, (60, 4))
+    distance = np.linalg.norm(aircraft[:, :3] - radar[:, :3], axis=1) / 1e3
+    errors = rng.uniform(-2, 2, (60, 3))
+    for own, alpha in (
+        (radar, 0.02),
+        (np.hstack([radar, errors]), 0.02 * np.exp(errors[:, 1])),
+    ):
+        expected = plain.snr(aircraft, own) * 10 ** (-2 * alpha * distance / 10)
+        assert_allclose(model.snr(aircraft, own), expected, rtol=1e-12)
 
 
 def test_the_attenuation_is_read_and_read_back():
@@ -330,18 +301,3 @@ def test_refusals_name_the_key(tool):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6).p_d(
             np.ones(6), np.array([0, 0, 0, 1, 0, np.inf, 0])
         )
-
-
-def test_the_detection_range_has_the_attenuation():
-    s = parsed(("one",), 1.0, "uncertain")
-    table = analyses.detection_range(s, p_d=(0.5,), step_deg=90).table
-    needed = np.log(P_FA) / np.log(0.5) - 1
-    low, high = 1e3, 1e6
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        snr = 0.04 * AREA * 10 ** (-2 * 0.05 * middle / 1e4) / (Boltzmann * middle**4)
-        low, high = (middle, high) if snr > needed else (low, middle)
-    assert_allclose(table["range_m_0.5"], low, rtol=1e-9)
-    certain = with_arrays(s, rcs_db=0.0, errors={})
-    narrow = analyses.detection_range(certain, p_d=(0.5,), step_deg=90).table
-    assert np.all(narrow["sigma_range_m_0.5"] < 0.8 * table["sigma_range_m_0.5"])

@@ -265,7 +265,7 @@ def test_a_lobe_between_the_tens_of_degrees_of_elevation_is_found(tmp_path):
     rows = [
         (a, e, 10 if abs(a - 37.5) < 0.6 and e in (-6, -5, -4) else -15)
         for e in range(-15, 16)
-        for a in np.arange(-180, 180, 0.5)
+        for a in (*range(-180, 35, 5), *np.arange(35, 40, 0.5), *range(40, 180, 5))
     ]
     (tmp_path / "rcs.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_dbsm", rows))
     content = document(aircraft__rcs={"model": "table", "file": "rcs.csv"})
