@@ -7,7 +7,16 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers import CONFIGS, corridor, document, scenario, sheet_document, with_arrays, yaml_text
+from helpers import (
+    CONFIGS,
+    corridor,
+    csv_text,
+    document,
+    scenario,
+    sheet_document,
+    with_arrays,
+    yaml_text,
+)
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
@@ -25,11 +34,25 @@ SPHERE = {"model": "constant", "rcs_m2": 0.09}
 QUICK = {"step_deg": 90.0}
 
 
-def swerling1(folder=None, **changes):
+def known_to(metres=0, degrees=0, **of_radar):
+    """Keys of a scenario: standard deviations of the aircraft, and of the radar if not 0."""
+    aircraft = {"position_m": metres, "attitude_deg": degrees}
+    radar = {"a": {"position_m": 0, "constant": 0, **of_radar}}
+    return {"uncertainty": {"aircraft": aircraft, "radar": radar}, "analysis": {"level": "a"}}
+
+
+def swerling1(folder=None, mask_deg=None, beam="", **changes):
     """A scenario in which P_D = P_fa^(1/(1 + S)) of a sphere of 1 m² on all bearings.
 
-    Files that it names are in the folder.
+    A mask of one elevation, and a beam of elevations [deg] and gains [dB], are files in the folder.
     """
+    if mask_deg is not None:
+        rows = csv_text("azimuth_deg,elevation_deg", [(0, mask_deg), (360, mask_deg)])
+        (folder / "mask.csv").write_text(rows)
+        changes["radar__mask"] = "mask.csv"
+    if beam:
+        (folder / "beam.csv").write_text("\n".join(["elevation_deg,gain_db", *beam.split()]))
+        changes["radar__elevation_gain"] = "beam.csv"
     usual = {
         "aircraft": {"rcs": {"model": "constant", "rcs_m2": 1}, "attitude_deg": [0, 0, 0]},
         "geometry__down_km": -1,
@@ -165,9 +188,8 @@ def test_a_limit_comes_first():
 
 
 def test_no_range_no_width_and_the_end_of_the_search_are_reported():
-    certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
-    certain["radar"] = {"medium": {"position_m": 0, "constant": 1e-14}}
-    result = detection_range(scenario(uncertainty=certain, aircraft__rcs=SPHERE), **QUICK)
+    certain = scenario(aircraft__rcs=SPHERE, **known_to(constant=1e-14))
+    result = detection_range(certain, **QUICK)
     assert result.report[1].endswith("km at every bearing")
     assert result.report[2] == "  P_D 0.5: the band has no width"
     certain = {"medium": {"position_m": 100, "constant": 0}}
@@ -220,9 +242,7 @@ def test_the_report_of_ranges_that_are_passed_several_times():
 @pytest.mark.all_draws
 def test_sigma_is_that_of_the_fourth_root_of_c_r():
     """With a constant RCS the range is as the fourth root of c_r, here σ = 0.3 c_r."""
-    certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
-    certain["radar"] = {"medium": {"position_m": 0, "constant": 50.1}}
-    s = scenario(uncertainty=certain, aircraft__rcs=SPHERE)
+    s = scenario(aircraft__rcs=SPHERE, **known_to(constant=50.1))
     normal = np.linspace(-6.0, 6.0, 10_001)
     weights = np.exp(-0.5 * normal**2)
     nominal = column(detection_range(s, **QUICK), "range_m_0.5")[0]
@@ -236,9 +256,7 @@ def test_sigma_is_that_of_the_fourth_root_of_c_r():
 def test_sigma_in_a_null_is_that_of_drawn_ranges():
     """Head on in a null of the RCS the nominal range is far below the median; FORM has no σ."""
     lobes = {"model": "spikeball", "lobes": 4, "amplitude_m2": 1.0, "floor_m2": 0.01}
-    uncertain = {"aircraft": {"position_m": 0, "attitude_deg": [0, 0, 5]}}
-    uncertain["radar"] = {"medium": {"position_m": 0, "constant": 5}}
-    s = scenario(aircraft__rcs=lobes, uncertainty=uncertain)
+    s = scenario(aircraft__rcs=lobes, **known_to(0, [0, 0, 5], constant=5))
     found = on_rays(s, 90.0)
     drawn = bands(s, 0.5, 90.0, 20_000, 1)
     assert found.slant[0] < np.quantile(drawn, 0.01)
@@ -262,9 +280,7 @@ def test_sources_are_of_the_place_that_is_named():
 def test_a_band_is_unreliable_where_one_of_its_ends_or_sigma_is(method, attitude_deg):
     """An end may be off by 1 %, and σ of a range by linear by 10 %."""
     rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 0.05}
-    radar = {"medium": {"position_m": 100, "constant": 4}}
-    sources = {"aircraft": {"position_m": 100, "attitude_deg": attitude_deg}, "radar": radar}
-    s = scenario(aircraft__rcs=rcs, uncertainty=sources)
+    s = scenario(aircraft__rcs=rcs, **known_to(100, attitude_deg, position_m=100, constant=4))
     bearings = np.arange(5.0, 95.0, 10.0)
     found = on_rays(s, *bearings, method=method, k=2.0)
     parts = []
@@ -297,11 +313,7 @@ def test_a_range_in_the_blind_zone_is_none():
     s = swerling1(
         radar__constant=5e-4,
         radar__min_range_km=37.3,
-        uncertainty={
-            "aircraft": {"position_m": 50, "attitude_deg": 0},
-            "radar": {"a": {"position_m": 0, "constant": 2e-5}},
-        },
-        analysis={"level": "a"},
+        **known_to(50, constant=2e-5),
     )
     assert 37e3 < farthest(5e-4) < 37.2e3
     drawn = plain_ranges(s, 36e3, 40e3)
@@ -315,19 +327,14 @@ def test_a_range_in_the_blind_zone_is_none():
 @pytest.mark.all_draws
 def test_a_radar_that_looks_down_on_an_aircraft_sees_it_far_away_alone(tmp_path):
     """1 km lower, it is hidden by a mask of -1.05 deg up to 54.6 km; the maximum range is 60 km."""
-    (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n0,-1.05\n360,-1.05\n")
     s = swerling1(
         tmp_path,
+        mask_deg=-1.05,
         radar__constant=1,
         radar__position_m=[0, 0, -3000],
-        radar__mask="mask.csv",
         radar__max_range_km=60,
         geometry__down_km=-2,
-        uncertainty={
-            "aircraft": {"position_m": 10, "attitude_deg": 0},
-            "radar": {"a": {"position_m": 0, "constant": 0.05}},
-        },
-        analysis={"level": "a"},
+        **known_to(10, constant=0.05),
     )
     found = on_rays(s, 0.0)
     assert found.slant == pytest.approx(60e3)
@@ -338,9 +345,7 @@ def test_a_radar_that_looks_down_on_an_aircraft_sees_it_far_away_alone(tmp_path)
 @pytest.mark.parametrize("k", [0.5, 9.0, 10.0])
 def test_a_band_of_ten_sigma_is_as_right_as_that_of_half_a_sigma(k):
     """Phi(10) is 1 to rounding. c_r alone counts, and the range grows with its fourth root."""
-    radar = {"medium": {"position_m": 0, "constant": 8}}
-    certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}, "radar": radar}
-    s = scenario(uncertainty=certain, aircraft__rcs=SPHERE)
+    s = scenario(aircraft__rcs=SPHERE, **known_to(constant=8))
     found = on_rays(s, 0, k=k)
     for end, sign in ((found.lower, -1), (found.upper, 1)):
         root = (1 + sign * k * 8 / 167) ** 0.25
@@ -441,8 +446,7 @@ def test_the_band_ends_where_an_error_of_three_sigma_crosses_the_maximum_range(m
         radar__position_m=[0, 0, -20],
         radar__constant=0.03,
         radar__max_range_km=60,
-        uncertainty__aircraft={"position_m": metres, "attitude_deg": 1},
-        uncertainty__radar={"medium": {"position_m": 40, "constant": 1e-6}},
+        **known_to(metres, 1, position_m=40, constant=1e-6),
     )
     found = on_rays(s, 0, p_d=value)
     assert found.upper == pytest.approx(60e3 + 3 * math.hypot(metres, 40), rel=0.001)
@@ -462,8 +466,7 @@ def test_the_band_has_the_errors_of_a_horizon(constant):
         radar__position_m=[0, 0, -20],
         radar__constant=constant,
         radar__horizon=True,
-        uncertainty__aircraft={"position_m": [10, 10, 25], "attitude_deg": 1},
-        uncertainty__radar={"medium": {"position_m": 1, "constant": 0.01 * constant}},
+        **known_to([10, 10, 25], 1, position_m=1, constant=0.01 * constant),
     )
     height, c_r = np.random.default_rng(1).standard_normal((2, 100_000))
     height = np.maximum(100 + 25 * height, 0)
@@ -537,22 +540,16 @@ def test_a_lower_bound_that_draws_do_not_settle_is_warned_of():
     assert found.lower == pytest.approx(4970, rel=0.2)
 
 
-BEAM = "elevation_deg,gain_db\n-20,-40\n-4,-30\n-1,-3\n0,0\n1,-3\n4,-30\n20,-40\n"
-
-
 @pytest.mark.parametrize("down_km", [-6.0, -6.4, -6.6])
 def test_a_band_within_a_narrow_window_of_the_antenna(down_km, tmp_path):
     """P_D is above 0.9 over less than 2 % of the distance, where the beam meets the height."""
-    (tmp_path / "beam.csv").write_text(BEAM)
-    errors = {"position_m": 5, "constant": 5.6e-6, "tilt_deg": 0.01}
     s = swerling1(
         tmp_path,
+        beam="-20,-40 -4,-30 -1,-3 0,0 1,-3 4,-30 20,-40",
         geometry__down_km=down_km,
         radar__constant=2.8e-4,
-        radar__elevation_gain="beam.csv",
         radar__tilt_deg=20,
-        uncertainty={"aircraft": {"position_m": 10, "attitude_deg": 1}, "radar": {"a": errors}},
-        analysis={"level": "a"},
+        **known_to(10, 1, position_m=5, constant=5.6e-6, tilt_deg=0.01),
     )
     found = on_rays(s, 0.0, p_d=0.9)
     n, tail, rng = 100_000, ndtr(-3.0), np.random.default_rng(3)
@@ -571,27 +568,17 @@ def test_a_band_within_a_narrow_window_of_the_antenna(down_km, tmp_path):
         assert exceeds(1.0005 * end) - noise <= share <= exceeds(0.9995 * end) + noise
 
 
-def tilted(folder, beam, constant, down_km, std, **radar):
-    """A radar known but for 5 % of its constant, or nothing, and its tilt by some degrees."""
-    (folder / "beam.csv").write_text("elevation_deg,gain_db\n" + "\n".join(beam.split()))
-    errors = {"position_m": 0, "constant": std * constant, "tilt_deg": 1.5 if std else 1}
-    return swerling1(
-        folder,
-        geometry__down_km=down_km,
-        radar__constant=constant,
-        radar__elevation_gain="beam.csv",
-        uncertainty={"aircraft": {"position_m": 0, "attitude_deg": 0}, "radar": {"a": errors}},
-        analysis={"level": "a"},
-        **radar,
-    )
-
-
 @pytest.mark.parametrize("method", ["automatic", "form"])
 def test_a_lobe_that_errors_turn_to_a_far_aircraft(tmp_path, method):
     """In rain the side lobe sees it at 2 km, and a tilted main lobe at 20 km."""
-    beam = "-5,-25 -3,-12 -1.5,-3 0,0 1.5,-3 3,-12 5,-25 90,-25"
-    rain = {"radar__attenuation_db_per_km": 0.25}
-    s = tilted(tmp_path, beam, 1e-3, -1.2, 0.05, **rain)
+    s = swerling1(
+        tmp_path,
+        beam="-5,-25 -3,-12 -1.5,-3 0,0 1.5,-3 3,-12 5,-25 90,-25",
+        geometry__down_km=-1.2,
+        radar__constant=1e-3,
+        radar__attenuation_db_per_km=0.25,
+        **known_to(constant=5e-5, tilt_deg=1.5),
+    )
     found = on_rays(s, 0.0, method=method)
     assert 1.5e3 < found.slant < 2.5e3
     if method == "form":
@@ -606,7 +593,8 @@ def test_a_lobe_that_errors_turn_to_a_far_aircraft(tmp_path, method):
 def test_of_lobes_of_equal_height_errors_choose_the_farthest(tmp_path):
     """Every draw has the farthest range of its own, which P_D at one distance does not say."""
     beam = " ".join(f"{1.5 * i - 5},{-6 * (i % 2)}" for i in range(19))
-    s = tilted(tmp_path, beam, 0.005, -9, 0.0)
+    radar = {"geometry__down_km": -9, "radar__constant": 0.005}
+    s = swerling1(tmp_path, beam=beam, **radar, **known_to(tilt_deg=1))
     found = on_rays(s, 0.0, p_d=0.7)
     assert found.reach.edges > 1
     assert_as_drawn(found, plain_ranges(s, 4e4, 6e4, p_d=0.7, steps=90))
@@ -617,13 +605,8 @@ BELOW = {"radar__position_m": [0, 0, -1000], "geometry__down_km": 0}
 
 def masked(folder, mask_deg, metres, std=1e-3, **changes):
     """An aircraft 1 km above a mask of some degrees, or below it, with an error of its height."""
-    rows = f"azimuth_deg,elevation_deg\n0,{mask_deg}\n360,{mask_deg}\n"
-    (folder / "mask.csv").write_text(rows)
-    errors = {"position_m": 0, "constant": std * changes["radar__constant"]}
-    uncertain = {"aircraft": {"position_m": [0, 0, metres], "attitude_deg": 0}}
-    uncertain["radar"] = {"a": errors}
-    changes |= {"uncertainty": uncertain, "analysis": {"level": "a"}}
-    return swerling1(folder, radar__mask="mask.csv", **changes)
+    errors = known_to([0, 0, metres], constant=std * changes["radar__constant"])
+    return swerling1(folder, mask_deg, **changes, **errors)
 
 
 @pytest.mark.all_draws
@@ -645,20 +628,14 @@ def test_a_search_does_not_jump_behind_a_mask(tmp_path, changes):
 @pytest.mark.all_draws
 def test_a_search_passes_no_lobe_of_a_displaced_aircraft(tmp_path):
     """The line of sight of the nominal states does not turn along the ray; that of a draw does."""
-    (tmp_path / "beam.csv").write_text(
-        "elevation_deg,gain_db\n-90,-40\n-3,-20\n0,0\n3,-20\n90,-40\n"
-    )
-    errors = {"position_m": 30, "constant": 3.4e-4, "tilt_deg": 0}
-    uncertain = {"aircraft": {"position_m": [0, 0, 800], "attitude_deg": 0}, "radar": {"a": errors}}
     s = swerling1(
         tmp_path,
+        beam="-90,-40 -3,-20 0,0 3,-20 90,-40",
         geometry__down_km=0,
         radar__position_m=[0, 0, 0],
         radar__constant=3.4e-3,
-        radar__elevation_gain="beam.csv",
         radar__tilt_deg=3,
-        uncertainty=uncertain,
-        analysis={"level": "a"},
+        **known_to([0, 0, 800], position_m=30, constant=3.4e-4, tilt_deg=0),
     )
     drawn = plain_ranges(s, 1.5e3, 7e4, draws=20_000, steps=360)
     assert_as_drawn(on_rays(s, 0.0), drawn, rel=0.02)
@@ -682,16 +659,10 @@ def test_a_window_between_the_mask_and_the_range_is_found(tmp_path):
 
 
 @pytest.mark.all_draws
-def test_sigma_is_exact_where_the_signal_bends_with_distance(tmp_path):
+def test_sigma_is_exact_where_the_signal_bends_with_distance():
     """c_r alone is uncertain, by 0.4 %: the range by 0.1 % of what R⁴ and rain make of it."""
     rain = {"radar__attenuation_db_per_km": 3}
-    errors = {"position_m": 0, "constant": 4e-6}
-    s = swerling1(
-        radar__constant=1e-3,
-        **rain,
-        uncertainty={"aircraft": {"position_m": 0, "attitude_deg": 0}, "radar": {"a": errors}},
-        analysis={"level": "a"},
-    )
+    s = swerling1(radar__constant=1e-3, **rain, **known_to(constant=4e-6))
     by_linear, found = (on_rays(s, 0.0, method=method) for method in ("linear", "automatic"))
     assert found.std == pytest.approx(by_linear.std, rel=0.01)
 
@@ -704,11 +675,7 @@ def test_lobes_of_an_aircraft_on_its_side_are_passed_one_by_one():
         aircraft={"rcs": rcs, "attitude_deg": [90, 0, 0]},
         geometry__down_km=-9,
         radar__constant=4e-4,
-        uncertainty={
-            "aircraft": {"position_m": 50, "attitude_deg": 2},
-            "radar": {"a": {"position_m": 0, "constant": 4e-5}},
-        },
-        analysis={"level": "a"},
+        **known_to(50, 2, constant=4e-5),
     )
     found = on_rays(s, 0.0)
     assert found.reach.edges > 3
@@ -722,23 +689,21 @@ def test_lobes_of_an_aircraft_on_its_side_are_passed_one_by_one():
         ({"radar__min_range_km": 37, "radar__constant": 5e-4}, farthest(5e-4)),
         # P_D is high from 20 km, and terrain hides the aircraft from 20.18 km on
         (
-            {"radar__mask": "mask.csv", "radar__min_range_km": 20, "radar__constant": 1},
+            {"mask_deg": 2.84, "radar__min_range_km": 20, "radar__constant": 1},
             1e3 / math.sin(math.radians(2.84)),
         ),
     ],
 )
 def test_a_window_beside_the_minimum_range_is_found(tmp_path, changes, slant):
-    (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n0,2.84\n360,2.84\n")
     found = on_rays(swerling1(tmp_path, **changes), 0.0, 90.0, method="linear")
     np.testing.assert_allclose(found.slant, slant, rtol=1e-8)
-    assert found.reach.limited.all() == ("radar__mask" in changes)
+    assert found.reach.limited.all() == ("mask_deg" in changes)
 
 
 def test_a_window_of_the_antenna_between_two_samples_is_found(tmp_path):
     """The beam of 0.4 deg crosses the height within 2 % of the distance."""
-    (tmp_path / "beam.csv").write_text("elevation_deg,gain_db\n-30,-40\n-0.2,-40\n0,0\n0.2,-40\n")
-    antenna = {"radar__elevation_gain": "beam.csv", "radar__tilt_deg": 30}
-    s = swerling1(tmp_path, geometry__down_km=-6.05, radar__constant=0.05, **antenna)
+    radar = {"radar__tilt_deg": 30, "radar__constant": 0.05, "geometry__down_km": -6.05}
+    s = swerling1(tmp_path, beam="-30,-40 -0.2,-40 0,0 0.2,-40", **radar)
     (slant,) = on_rays(s, 0.0, p_d=0.9, method="linear").slant
     below, beyond = (
         s.model.p_d([math.sqrt((off * slant) ** 2 - 6050**2), 0, -6050, 0, 0, 0], s.radar)
@@ -751,14 +716,11 @@ def test_a_window_between_two_limits_is_found():
     """It is 0.4 km wide, between two samples 1 km apart."""
 
     def with_errors(position_m):
-        errors = {"a": {"position_m": 5, "constant": 0.01}}
-        aircraft = {"position_m": position_m, "attitude_deg": 0}
         s = swerling1(
             radar__min_range_km=50.6,
             radar__max_range_km=51.0,
             radar__constant=1,
-            uncertainty={"aircraft": aircraft, "radar": errors},
-            analysis={"level": "a"},
+            **known_to(position_m, position_m=5, constant=0.01),
         )
         return s, on_rays(s, 0.0)
 
@@ -771,15 +733,12 @@ def test_a_window_between_two_limits_is_found():
 
 def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
     """Radar and aircraft are at one height, with a mask of 0.1 deg: P_D is 0 on all rays."""
-    (tmp_path / "mask.csv").write_text("azimuth_deg,elevation_deg\n0,0.1\n360,0.1\n")
-    levels = {"a": {"position_m": 10, "constant": 0.001}}
     s = swerling1(
         tmp_path,
+        mask_deg=0.1,
         radar__position_m=[0, 0, -1000],
         radar__constant=0.01,
-        radar__mask="mask.csv",
-        uncertainty={"aircraft": {"position_m": 50, "attitude_deg": 0}, "radar": levels},
-        analysis={"level": "a"},
+        **known_to(50, position_m=10, constant=0.001),
     )
 
     def exceeds(distance):

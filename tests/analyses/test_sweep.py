@@ -103,6 +103,7 @@ def test_units_are_plain_on_the_terminal_and_in_the_figure(tool, key, value, uni
     assert code == 0
     assert out.isascii()
     assert f"{float(value):g} {unit}".strip() in out
+    assert f"by {key} the largest P_D" in out
     s = rs.load_scenario(CONFIG, {"geometry.range_km.step": 20})
     end = float(value)
     result = analyses.sweep(s, key=key, start=end, stop=end, step=1, method="linear")
