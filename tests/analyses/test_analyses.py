@@ -479,7 +479,12 @@ def test_a_table_by_azimuth_only_is_the_same_at_any_elevation(tool, elevations):
     assert f"largest RCS 4.8 dBsm at azimuth -180 deg, {end}\n" in out
 
 
-def test_the_extremes_of_an_rcs_are_found_between_the_steps_of_its_table():
+def test_the_extremes_of_an_rcs_are_found_between_the_steps_of_its_table(here):
+    rows = [(a + 0.125, 20 if a == 35 else -10) for a in range(-180, 180)]
+    Path("rcs.csv").write_text(csv_text("azimuth_deg,rcs_dbsm", rows))
+    content = document(aircraft__rcs={"model": "table", "file": "rcs.csv"})
+    table = analyses.rcs(rs.parse_scenario(yaml_text(content)))
+    assert table.report[0] == "largest RCS 20.0 dBsm at azimuth 35.125 deg, any elevation"
     lobes = {"model": "spikeball", "lobes": 7, "amplitude_m2": 0.18, "floor_m2": 0.1}
     largest, smallest, *_ = analyses.rcs(scenario(aircraft__rcs=lobes)).report
     assert largest.startswith("largest RCS -5.5 dBsm at 7 of ")
