@@ -49,22 +49,18 @@ def test_equal_records_and_warnings(tool):
     assert "\x1b" not in out
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_what_is_no_record_is_refused_in_one_line(tool):
+    old = write(tool, "a")
+    for text, message in (
         *((text, "is not JSON") for text in ("", "[" * 100_000, "\xff")),
         *((text, "is not the JSON record of an analysis") for text in ("[]", '{"scenario": 3}')),
-    ],
-)
-def test_what_is_no_record_is_refused_in_one_line(tool, text, message):
-    Path("other.json").write_text(text)
-    old = write(tool, "a")
-    error = one_line(tool, "diff", old, "other.json")
-    assert error.startswith(f"Error: other.json: {message}")
+    ):
+        Path("other.json").write_text(text)
+        assert one_line(tool, "diff", old, "other.json").startswith(f"Error: other.json: {message}")
     Path("other.json").write_text(json.dumps({**read_record(old), "record": 2}))
     error = one_line(tool, "diff", old, "other.json")
     assert error == "Error: other.json: record must be 1, the version of the keys, got 2\n"
-    one_line(tool, "diff", "a/paper_budget.json", "missing.json")
+    one_line(tool, "diff", old, "missing.json")
 
 
 def test_records_of_two_commands_are_refused(tool):

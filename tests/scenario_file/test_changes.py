@@ -25,10 +25,8 @@ def assert_same(found, expected):
     [
         ("name", "other"),
         ("radar.constant", 200),
-        ("radar.constant", 1.5e2),
         ("radar.position_m", [1000, 0, -30]),
         ("radar.horizon", True),
-        ("radar.detector", "swerling1"),
         ("radar.detector", {"model": "swerling3", "pulses": 10}),
         ("geometry.azimuth_deg.step", 30),
         ("uncertainty.radar.medium.constant", 3),
@@ -83,18 +81,14 @@ def test_no_text_takes_a_key_away():
         ({"radar.constnt": 3}, "radar.constnt=3: radar: unknown key 'constnt', allowed: ..., "
          "tilt_deg, band, type; did you mean 'constant'?"),
         ({"rader.p_fa": 1}, "rader.p_fa=1: unknown key 'rader', allowed: ...mean 'radar'?"),
-        ({"aircraft.rcs.modl": "constant"}, "did you mean 'model'?"),
         ({"radar.p_fa": "[1"}, "radar.p_fa=[1: is not valid YAML"),
         ({"radar.p_fa.x": 1}, "radar.p_fa.x=1: '1.7e-4' has no key 'x'"),
-        ({"radar.position_m[4]": 1}, "the list has no entry [4], it has [1], [2], [3]"),
         ({"radar.position_m[0]": 1}, "the list has no entry [0], it has [1], [2], [3]"),
         ({"radars": [{"name": [1]}], "radars[2].p_fa": 1}, "the list has no entry [2], it has [1]"),
         ({"radar.horizon": ""}, "radar.horizon=: there is no radar.horizon to take away"),
         *(({key: 1}, "write a key before the =")
           for key in ("", ".radar.p_fa", "radar.", "radar..p_fa", "radar.position_m[3")),
-        ({"radar.constant": True}, "radar.constant: must be a number greater than 0, got 'true'"),
         ({"radar.tracking": {}}, "radar.tracking={}: radar.tracking: "),
-        ({"analysis.level": "hi"}, "must be one of low, medium, high, got 'hi'"),
     ],
 )  # fmt: skip
 def test_a_wrong_change_is_refused_in_one_line(changes, message):

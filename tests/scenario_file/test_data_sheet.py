@@ -17,8 +17,7 @@ from helpers import (
 )
 from scenario_file.refused import refused
 
-from radar_sense.model.radar_constant import moments, relative_std
-from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.model.radar_constant import relative_std
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
 # Allowed keys.
@@ -43,19 +42,6 @@ def test_the_noise_temperature_may_be_left_out_and_is_in_the_record(kind):
     assert again.resolved() == left_out.resolved()
 
 
-def test_check_shows_the_distribution(tool):
-    write(yaml_text(sheet_document()))
-    _, out, _ = tool("check", "my.yaml")
-    s = load_scenario("my.yaml")
-    (mean, std, skewness), c = moments(s.tolerances[0]), s.radar[3]
-    assert out.splitlines()[1] == (
-        f"# sheet: c_r has mean {c * mean:.4g}, standard deviation {c * std:.4g} "
-        f"(first order {c * relative_std(s.tolerances[0]):.4g}), "
-        f"skewness {skewness:.2f}"
-    )
-    assert "# number" not in out
-
-
 def changed(kind, without=(), tolerances=None, **added):
     sheet = {**SHEETS[kind], **added}
     radar = {key: value for key, value in sheet.items() if key not in without}
@@ -64,15 +50,6 @@ def changed(kind, without=(), tolerances=None, **added):
 
 #: A document, and the error behind its line; `...` stands for any letters.
 BAD = {
-    "two keys of one parameter": (
-        changed("surveillance", average_power_w=1),
-        "radar.surveillance.average_power_w: stands beside 'average_power_kw'; give only one"),
-    "no key of a parameter": (
-        changed("tracking", without=["frequency_ghz"]),
-        "radar.tracking: needs one of the keys 'frequency_ghz' and 'wavelength_m'"),
-    "search factor": (
-        changed("surveillance", search_factor="4π"),
-        "radar.surveillance.search_factor: must be one of 16, 4pi, got '4π'"),
     "loss with the name of a key": (
         changed("tracking", losses_db={"noise_figure": 1}),
         "losses_db.noise_figure: must have another name, as 'noise_figure_db' is a key"),
@@ -84,10 +61,6 @@ BAD = {
     "impossible constant": (
         changed("tracking", gain_dbi=200, peak_power_kw=1e10),
         "radar.tracking: makes the radar constant ...e+37 J m^2/K"),
-    "two kinds": (
-        document(radar={"position_m": [0, 0, 0], "surveillance": SURVEILLANCE,
-                        "tracking": TRACKING, "p_fa": 1e-6}),
-        "radar.tracking: stands beside 'surveillance'; give only one of the two"),
     "tolerance of what is not given": (
         changed("surveillance", tolerances={"average_power_w": 500}),
         "sheet.constant.average_power_w: is not in the data sheet, allowed: average_power_kw, "
@@ -114,16 +87,6 @@ def test_refusals(case):
     bad, says = BAD[case]
     with refused(f"my.yaml:...: ...{says}"):
         parse_scenario(yaml_text(bad), "my.yaml")
-
-
-def test_wide_tolerance_of_a_factor_is_allowed():
-    sheet = {**TRACKING, "wavelength_m": 0.03}
-    del sheet["frequency_ghz"]
-    s = sheet_scenario("tracking", sheet, {"pulse_width_us": 0.8, "wavelength_m": 0.01})
-    mc = monte_carlo(s, runs=500)
-    assert np.isfinite(mc.mean).all()
-    # Φ(−1) of the pulse widths and Φ(−3) of the wavelengths are below zero
-    assert 50 < mc.clipped < 110
 
 
 # Losses by name, and pulses that are integrated coherently.

@@ -125,11 +125,7 @@ def test_the_record_has_the_limits_as_typed():
     ("tolerance", "message"),
     [
         ({"gain_dbi": {"half_width": -1}}, "gain_dbi.half_width: must be a number not less than 0"),
-        ({"gain_dbi": {"half": 1}}, "gain_dbi: unknown key 'half', allowed: half_width"),
-        ({"gain_dbi": {}}, "gain_dbi: missing key 'half_width'"),
-        ({"gain_db": {"half_width": 1}}, "unknown key 'gain_db'"),
         ({"frequency_ghz": {"half_width": 2}}, "must be a number not less than 0 and not greater"),
-        ({"losses_db": {"radome": {"half_width": 1}}}, "is not in the data sheet"),
         ({"peak_power_kw": {"half_width": 1e6}}, "peak_power_kw.half_width: must be at most "),
     ],
 )

@@ -91,26 +91,14 @@ RADAR = "uncertainty.radar.medium"
 AIRCRAFT = "uncertainty.aircraft"
 #: Values that are refused for a reason of their own; `test_declare` has the others.
 WRONG = [
-    ("name", "'a b'", "'a b'"),
-    ("name", r'"a\nb"', r"'a\nb'"),
     ("name", "a" * 101, "100"),
-    ("radar.p_fa", "1", "not less than 1e-100 and less than 1, got 1"),
-    ("radar.p_fa", "1e-400", "1e-400"),
-    ("radar.p_fa", "0." + "9" * 30, "less than 1"),
-    ("radar.p_fa", "1%", "got '1%'; write 0.01 for 1%"),
     ("radar.constant", "1e-30", "1e-20 to 1e+20"),
-    ("radar.position_m[2]", "[0, 1e21, 0]", "1e21"),
     ("aircraft.attitude_deg[3]", "[0, 0, 361]", "360"),
-    ("aircraft.rcs.model", "elipsoid", "did you mean 'ellipsoid'?"),
-    ("radar.detector", "marcun", "got 'marcun'; did you mean 'marcum'?"),
-    ("geometry.azimuth_deg.step", "-0.0", "step other than 0"),
     ("geometry.azimuth_deg.step", "-0.5", "from 0 to 180, got -0.5"),
     ("geometry.azimuth_deg.step", "1.8e-7", "1,000,000"),  # a billion poses
     ("analysis.level", "medum", "low, medium, high, got 'medum'; did you mean 'medium'?"),
-    (f"{RADAR}.constant", "[5]", "a list of 1"),
     # Covariances.
     (f"{RADAR}.position_m", "[[1, 0], [0, 1]]", "a list of 3 rows of 3 numbers, got a list of 2"),
-    (f"{RADAR}.position_m[2]", "[[1, 0, 0], [0, 1], [0, 0, 1]]", "a list of 3 numbers"),
     (f"{RADAR}.position_m[2]", "[[1, 0, 0], 1, [0, 0, 1]]", "a list of 3 numbers"),
     (f"{RADAR}.position_m[2][1]", "[[1, 0, 0], [.inf, 1, 0], [0, 0, 1]]", ".inf"),
     (f"{RADAR}.position_m", "[[1, 0.5, 0], [0.4, 1, 0], [0, 0, 1]]", "not symmetric"),
@@ -125,36 +113,17 @@ def test_value_that_is_not_allowed(path, value, says):
     assert says in complaint
 
 
-IDENTITY_4 = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "says"),
-    [
-        ("aircraft.rcs", "{model: constant, a_m: 1}", "unknown key 'a_m', allowed: model, rcs_m2"),
-        (RADAR, "{position_m: 1, constant: 0,6}", "write a decimal point, such as 0.6 for 0,6"),
-        ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: 0, floor_m2: 0}", "both be 0"),
-        (AIRCRAFT, f"{{covariance: {IDENTITY_4}}}", "a list of 6 rows of 6 numbers"),
-        (RADAR, f"{{covariance: {IDENTITY_4}, constant: 1}}", "give only one"),
-        (RADAR, f"{{covariance: {IDENTITY_4.replace('[1, 0', '[1, 2')}}}", "not symmetric"),
-        ("uncertainty.radar", "{a b: {position_m: 1, constant: 1}}", "got 'a b'"),
-        ("radar", "{position_m: [0, 0, 0], p_fa: 0.1, constant: 1, surveillance: {}}",
-         "stands beside 'constant'"),
-    ],
-)  # fmt: skip
-def test_block_that_is_not_allowed(path, value, says):
-    lines = replaced({path: value})
-    line, where, complaint = place_of_error(yaml_text(lines))
-    assert line == line_of(path, lines)
-    assert is_within(where.split("[")[0], path)
-    assert says in complaint
+def test_a_whole_covariance_that_is_none():
+    rows = "[[1, 2, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+    line, where, complaint = place_of_error(yaml_text(replaced({RADAR: f"{{covariance: {rows}}}"})))
+    assert (where, "not symmetric" in complaint) == (f"{RADAR}.covariance", True)
+    assert line == line_of(RADAR, LINES)
 
 
 @pytest.mark.parametrize(
     ("azimuth_from", "radar"),
     [
         ("east", [5e5, 0, -3e3]),  # cos 90° is 6e-17, so the poses miss the radar by 3e-11 m
-        ("north", [0, 5e5, -3e3]),
         ("east", [5e5, 0, -3e3 + 0.5]),
     ],
 )
@@ -183,20 +152,11 @@ MERGED = "d0: &d0 {k: 1}\n" + "".join(
 DEEP = 600
 FILES = {
     "empty": (b"", "is empty"),
-    "blank": (b" \n\n   \n", "is empty"),
     "comments": (b"# a comment\n# another\n", "is empty"),
     "byte order mark alone": (b"\xef\xbb\xbf", "is empty"),
-    "document without content": (b"---\n", "must be a mapping"),
-    "list": (b"- name: x\n", "must be a mapping (key: value), got a list of 1"),
     "word": (b"paper\n", "must be a mapping (key: value), got 'paper'"),
-    "number": (b"5\n", "must be a mapping (key: value), got 5"),
-    "binary": (b"\x7fELF\x02\x01\x01\0\0\0\0", "is not"),
-    "PNG": (b"\x89PNG\r\n\x1a\n", ":1: is not UTF-8 text: byte 0x89"),
     "NUL bytes": (b"name: x\n\0\0\0\0", ":2: is not a text file"),
-    "control character": (b"name: x\nradar: \x07\n", ":2: is not a text file"),
     "Latin-1": ("name: x\n# R\xe4der\n".encode("latin-1"), ":2: is not UTF-8 text: byte 0xe4"),
-    "UTF-16": (default_text().encode("utf-16"), "is not UTF-8 text"),
-    "enormous": (b"#" * (MAX_BYTES + 1), "is larger than 64 KiB"),
     "enormous and good": ((default_text() + "#" * MAX_BYTES).encode(), "is larger than 64 KiB"),
     "two documents": (f"{default_text()}---\n{default_text()}".encode(), "another one begins"),
     "unclosed bracket": (
@@ -214,24 +174,12 @@ FILES = {
         b"radar:\n  p_fa: {}\n   mask: x\n",
         ":3: is not valid YAML: this does not fit",
     ),
-    "two colons": (b"name: a: b\n", ":1: is not valid YAML: no key may stand here; check"),
     "tab": (b"radar:\n\tconstant: 1\n", ":2: has a tab where YAML allows spaces only"),
-    "no colon": (b"name: x\nradar\nuncertainty: 1\n", ":2: is not valid YAML: a key needs a colon"),
     "unknown alias": (b"name: *x\n", ":1: is not valid YAML"),
-    "unknown directive": (b"%YAML 9.9\n---\nname: x\n", "is not valid YAML"),
-    "list as key": (b"? [a, b]\n: c\n", ":1: keys must be"),
-    "mapping as key": (b"name: x\n? {a: b}\n: c\n", ":2: keys must be"),
     "merge key": (b"<<: {name: x}\n", "unknown key '<<'"),
-    "deep list": (b"[" * DEEP, "nested too deeply"),
-    "deep mapping": (b"{a: " * DEEP, "nested too deeply"),
     "deep block": (b"- " * DEEP, "nested too deeply"),
-    "deep key": (b"? " * DEEP, "nested too deeply"),
     "closed deep list": (b"[" * DEEP + b"]" * DEEP, "nested too deeply"),
-    "list in itself": (b"&a [*a]\n", "must be a mapping"),
     "mapping in itself": (b"&a\nname: *a\n", "missing key"),
-    "billion laughs": (LAUGHS.encode(), "unknown key 'a'"),
-    "doubled": (DOUBLED.encode(), "unknown key 'd0'"),
-    "merged": (MERGED.encode(), "unknown key 'd0'"),
 }
 
 
@@ -244,23 +192,23 @@ def test_file_that_is_no_scenario(tool, kind):
 
 
 @pytest.mark.parametrize("bomb", [LAUGHS, DOUBLED, MERGED], ids=["laughs", "doubled", "merged"])
-@pytest.mark.parametrize("path", ["radar.constant", "aircraft.rcs", RADAR])
-def test_alias_bomb_where_a_value_belongs(path, bomb):
+def test_alias_bomb_where_a_value_belongs(bomb):
     # The bomb is the first level of uncertainty, its last line the value of the key.
     alias = "*" + re.findall(r"&(\w+)", bomb)[-1]
     fuse = "".join("    " + line + "\n" for line in bomb.splitlines())
-    *_, message = place_of_error(f"junk:\n{fuse}" + yaml_text(replaced({path: alias})))
-    assert "junk" in message
-    # With the bomb where keys are free (names of levels) the reader gets as far as the value.
-    lines = [(p, alias if p == path else v) for p, v in LINES if not is_within(p, "uncertainty")]
-    place_of_error(f"uncertainty:\n  radar:\n{fuse}" + yaml_text(lines))
+    for path in ("radar.constant", "aircraft.rcs", RADAR):
+        *_, message = place_of_error(f"junk:\n{fuse}" + yaml_text(replaced({path: alias})))
+        assert "junk" in message
+        # Where keys are free (names of levels) the reader gets as far as the value.
+        kept = [(p, alias if p == path else v) for p, v in LINES if not is_within(p, "uncertainty")]
+        place_of_error(f"uncertainty:\n  radar:\n{fuse}" + yaml_text(kept))
 
 
-@pytest.mark.parametrize("path", ["radar", "uncertainty.radar", "uncertainty.radar.low"])
-def test_mapping_inside_itself(path):
-    keys = [p.split(".")[-1] for p in PATHS if p.rpartition(".")[0] == path]
-    loop = ", ".join(f"{key}: *loop" for key in keys)
-    place_of_error(yaml_text(replaced({path: f"&loop {{{loop}}}"})))
+def test_mapping_inside_itself():
+    for path in ("radar", "uncertainty.radar", "uncertainty.radar.low"):
+        keys = [p.split(".")[-1] for p in PATHS if p.rpartition(".")[0] == path]
+        loop = ", ".join(f"{key}: *loop" for key in keys)
+        place_of_error(yaml_text(replaced({path: f"&loop {{{loop}}}"})))
     for rows in ("&m [*m, *m, *m, *m]", "&m [&r [*r, *r, *r, *r], *r, *r, *r]"):
         place_of_error(yaml_text(replaced({RADAR: f"{{covariance: {rows}}}"})))
 
@@ -278,18 +226,14 @@ def test_much_nonsense_is_refused(unit):
         ("no/where.yaml", "no/where.yaml: cannot be read"),
         (".", "is a directory"),
         ("/dev/zero", "/dev/zero: is not a regular file, a scenario file must be one"),
-        ("/dev/null", "/dev/null: is not a regular file"),
         ("x" * 300, "cannot be read"),
-        ("two\nlines.yaml", r"two\nlines.yaml: cannot be read"),
     ],
 )
 def test_path_that_is_no_scenario(tool, name, says):
     assert says in refusal(tool, None, name=name)
 
 
-@pytest.mark.parametrize(
-    "name", ["two words.yaml", "räder 日本.yaml", "-x.yaml", "--help", "a\nb.yaml", "100%s{}.yaml"]
-)
+@pytest.mark.parametrize("name", ["räder 日本.yaml", "--help", "a\nb.yaml", "100%s{}.yaml"])
 def test_unusual_file_names(tool, name):
     write(default_text(), name)
     code, out, err = tool("check", "-q", "--", name)
@@ -328,26 +272,24 @@ def test_names_are_text(tool, name):
     assert yaml.safe_load(tool("check", "my.yaml").out)["name"] == name.strip("'")
 
 
-@pytest.mark.parametrize("name", ["_x", "räder", "日本", "a/b", "two words", ".hidden", "..", "~"])
-def test_names_that_are_refused(name):
+def test_names_that_are_refused():
     """Names stand in file names, in columns and in figures, whose font has no 日."""
-    for key in ("name: paper", "    medium:"):
-        text = default_text().replace(key, key.replace("paper", name).replace("medium", name))
-        *_, message = place_of_error(text)
-        assert "letters A to Z" in message
+    for name in ("_x", "räder", "日本", "a/b", "two words", ".hidden", "..", "~"):
+        for key in ("name: paper", "    medium:"):
+            text = default_text().replace(key, key.replace("paper", name).replace("medium", name))
+            *_, message = place_of_error(text)
+            assert "letters A to Z" in message
 
 
-@pytest.mark.parametrize("level", ["NO", "1", "a" * 40], ids=lambda s: s[:9])
-def test_names_of_levels_are_text(tool, level):
-    lines = [
-        (p.replace("radar.medium", f"radar.{level}"), level if p == "analysis.level" else v)
-        for p, v in replaced(FEW)
-        if not p.startswith(("uncertainty.radar.low", "uncertainty.radar.high"))
-    ]
-    scenario = accepted(lines)
-    assert (scenario.levels, scenario.level) == ((level,), level)
-    # levels are labels in figures too
-    code, _, err = tool("sensitivity", write(yaml_text(lines)), "--format", "svg")
+def test_names_of_levels_are_text(tool):
+    """Levels are labels in figures, too."""
+    text = default_text().replace("step: 0.5", "step: 45").replace("level: medium", "level: 1")
+    names = {"low": "NO", "medium": "1", "high": "a" * 40}
+    for old, new in names.items():
+        text = text.replace(f"    {old}:", f"    {new}:")
+    scenario = rs.parse_scenario(text)
+    assert (scenario.levels, scenario.level) == (tuple(names.values()), "1")
+    code, _, err = tool("sensitivity", write(text), "--format", "svg")
     assert code == 0
     assert all(line.startswith("Warning: ") for line in err.splitlines())
 
@@ -383,7 +325,7 @@ def draws(tool: Callable, seed: str, *options: str) -> tuple[bytes, int]:
     return Path("figures/paper_montecarlo.csv").read_bytes(), record["seed"]
 
 
-@pytest.mark.parametrize("seed", ["0", "12345678901234567890" * 2, "1e3", "9" * 400])
+@pytest.mark.parametrize("seed", ["1e3", "9" * 400])
 def test_seed_in_file_and_as_option(tool, seed):
     """The option is heard in place of the file."""
     by_option, by_file = draws(tool, "1", "--seed", seed), draws(tool, seed)
@@ -405,7 +347,6 @@ def test_a_seed_of_more_digits_than_python_reads(tool):
         ("0", "0.3", "0.1", [0, 0.1, 0.2, 0.3]),
         ("180", "0", "-60", [180, 120, 60, 0]),
         ("-10", "10", "7", [-10, -3, 4]),
-        ("10", "10", "100", [10]),
     ],
 )
 def test_sweep(start, stop, step, expected):
@@ -437,7 +378,7 @@ def block(rows: Sequence[Sequence[float]]) -> str:
 
 
 @pytest.mark.parametrize(
-    "value", ["10", "[10, 10, 10]", "[[100, 0, 0], [0, 100, 0], [0, 0, 100]]", "[10, 10.0, 1e1]"]
+    "value", ["10", "[10, 10.0, 1e1]", "[[100, 0, 0], [0, 100, 0], [0, 0, 100]]"]
 )
 def test_uncertainties_become_si(value):
     """A deviation can be written in three ways."""

@@ -1,7 +1,5 @@
 """Paths in place of the orbit: from the route file to tables, figures, words and refusals."""
 
-import json
-
 import numpy as np
 import pytest
 import routes
@@ -13,7 +11,6 @@ from helpers import (
     read_record,
     stds_of,
     with_arrays,
-    without_pixels,
     write_path,
     yaml_text,
 )
@@ -135,8 +132,6 @@ def test_monte_carlo_agrees_with_propagation_at_every_pose(tmp_path):
     mc = monte_carlo(s, runs=20_000, method="form")
     # a standard deviation of 20 000 draws has a standard error of 0.5 %
     assert mc.std == pytest.approx(mc.band.std, rel=0.02)
-    part = monte_carlo(s, runs=200, workers=2)
-    assert (part.mean == monte_carlo(s, runs=200).mean).all()
 
 
 def test_sobol_indices_take_the_covariance_of_each_pose(tmp_path):
@@ -177,19 +172,6 @@ def test_attitude_follows_the_track_and_waypoints_are_interpolated(tmp_path):
     smooth = load(tmp_path, geometry__interpolate={"step_s": 100, "method": "smooth"})
     assert np.max(abs(smooth.aircraft[:, 3])) > 0.01  # it banks
     assert load(tmp_path).aircraft.shape == (4, 6)
-
-
-@pytest.mark.parametrize("step_s", [10, 100])
-def test_the_distance_between_poses_is_that_of_the_path(tmp_path, step_s):
-    """Speed changes between poses 100 s apart. The place of a pose between them does not."""
-    smooth = {"step_s": step_s, "method": "smooth"}
-    s = load(tmp_path, geometry__interpolate=smooth, geometry__axis="distance")
-    last = float(s.time_s[-1])
-    times = np.linspace(0.0, 0.7 * last, 28_001)
-    lengths = np.linalg.norm(np.diff(s.geometry.at(times).aircraft[:, :3], axis=0), axis=-1)
-    found = s.geometry.at(np.array([0.1, 0.35, 0.7]) * last).axis.values
-    expected = [lengths[: round(share * 28_000)].sum() for share in (1 / 7, 0.5, 1)]
-    np.testing.assert_allclose(found, expected, rtol=2e-6)
 
 
 def test_the_axis_may_be_the_distance_flown(tmp_path):
@@ -258,8 +240,6 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path):
                     "uncertainty__aircraft": PAPER["uncertainty"]["aircraft"]}, "needs a path"),
         (ROUTE, {"geometry": {"type": "path", "file": "route.csv"}},
          "radar.position_geodetic: needs a path whose route is"),
-        (GEODETIC, {"radar__position_m": [0, 0, 0]}, "stands beside 'position_geodetic'"),
-        (GEODETIC, {"radar__position_geodetic": [46, 8, 3]}, "position_geodetic: must be a map"),
         (GEODETIC, {"radar__position_geodetic__latitude_deg": 91}, "latitude_deg: must be ... 90"),
         (GEODETIC, {"radar__position_geodetic": {"latitude_deg": 47, "longitude_deg": 9,
                                                  "altitude_m": 10e3}}, "on top of the radar"),
@@ -287,18 +267,10 @@ REFUSED = [
     (ROUTE, {"uncertainty": {"radar": {"medium": {"position_m": 1, "constant": 1}}}},
      "uncertainty: missing key 'aircraft'"),
     (ROUTE, {"geometry__file": "rout.csv"}, "geometry.file: ...rout.csv: cannot be read: No such"),
-    (ROUTE, {"geometry__file": "."}, "geometry.file: ... is a directory, not a route file"),
     (ROUTE, {"geometry__interpolate": {"step_s": 1e-5}}, "interpolate: step_s makes more than"),
     (ROUTE, {"geometry__max_gap_s": 400}, "route.csv:3: time_s: must be within 400 s"),
-    (ROUTE, {"geometry__origin": {"latitude_deg": 9, "longitude_deg": 0, "altitude_m": 0}},
-     "route.csv:1: north, east and down have an origin already"),
-    (ROUTE, {"geometry__sha256": "0" * 64}, "geometry.sha256: ... is another file than it was"),
-    (ROUTE.replace("500,400e3", "0,400e3"), {}, "route.csv:3: time_s: must be later than the time"),
-    (ROUTE.replace("350e3", "nan"), {}, "route.csv:4: north_m: must be finite, got nan"),
     (f"{HEAD}\n0,0,-9e3,0\n60,0,0,0\n", {},
      "geometry: the aircraft is on top of the radar at time 60 s"),
-    (f"{HEAD}\n0,0,-9e3,0\n60,0,0,0\n", {"geometry__axis": "distance"},
-     "geometry: the aircraft is on top of the radar at distance 9000 m"),
     (f"{HEAD}\n0,9e3,0,0\n60,9e3,0,0\n", {}, "route.csv: the aircraft never moves"),
     # 0.09 m/s there and back: a parabola has 0.18 m/s at its ends, straight legs do not
     (f"{HEAD}\n0,9000,0,0\n10,9000.9,0,0\n20,9000,0,0\n",
@@ -394,18 +366,11 @@ def test_figures_have_the_unit_that_fits(tmp_path, kind, span, label, unit):
 
 
 @pytest.mark.parametrize("name", ["sensitivity", "montecarlo", "compare", "detectors", "rcs"])
-def test_every_analysis_takes_a_path(tool, tmp_path, monkeypatch, name):
-    figures = []
-    without_pixels(monkeypatch, then=lambda figure: figures.append(figure) or True)
-    file = write_path(tmp_path, UNCERTAIN, analysis__runs=20)
-    done = tool(name, file, "--format", "svg")
+def test_every_analysis_takes_a_path(tool, tmp_path, name):
+    done = tool(name, write_path(tmp_path, UNCERTAIN, analysis__runs=20), "--no-plot")
     assert done.code == 0, done.err
-    record = read_record(tmp_path / f"figures/paper_{name}.json")
-    assert "theta_r_deg" not in json.dumps(record)
-    assert "theta_r" not in (tmp_path / f"figures/paper_{name}.csv").read_text()
-    if name not in ("detectors", "rcs"):
-        (figure,) = figures
-        assert "Time [s]" in "".join(axes.get_xlabel() for axes in figure.axes)
+    for ending in ("json", "csv"):
+        assert "theta_r" not in (tmp_path / f"figures/paper_{name}.{ending}").read_text()
 
 
 def test_the_numbers_of_the_path_example():

@@ -215,7 +215,6 @@ INSTEAD = {
     "5 %": "; write the quantity itself, without %",
     '"-1,25"': "; write -1.25 for -1,25",
     "100 km": "; leave out the unit, it is in the name",
-    "0x10": "",
     "1e5e5": "",
     "10:99:00": "",
 }
