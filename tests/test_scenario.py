@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import CONFIGS, ROOT, assert_same_scenario, corridor, scenario
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import radar_sense as rs
 from radar_sense import axis as axes
@@ -61,31 +59,6 @@ def assert_read_only(s):
             array[0] = 1
     with pytest.raises(TypeError):
         own.levels["new"] = own.levels[s.level]
-
-
-@settings(max_examples=20, deadline=None)
-@given(
-    sizes=st.lists(st.floats(1e-6, 1e6), min_size=12, max_size=12),
-    angles=st.lists(st.floats(-360, 360).map(lambda x: round(x, 7)), min_size=3, max_size=3),
-    km=st.floats(2, 1e5),
-)
-def test_any_numbers_read_back_exactly(sizes, angles, km):
-    s = scenario(
-        uncertainty__aircraft={"position_m": sizes[:3], "attitude_deg": sizes[3:6]},
-        uncertainty__radar={
-            f"level_{i}": {"position_m": sizes[i], "constant": sizes[i + 1]}
-            for i in range(6, 12, 2)
-        },
-        analysis__level="level_6",
-        aircraft__attitude_deg=angles,
-        geometry__range_km=km,
-        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
-    )
-    record = s.resolved()
-    again = rs.parse_scenario(json.dumps(record))
-    assert_same_scenario(again, s)
-    assert record["geometry"]["range_km"] == km
-    assert record["aircraft"]["attitude_deg"] == angles
 
 
 def test_check_prints_numbers_as_typed(tool):

@@ -22,9 +22,7 @@ import radar_sense as rs
 from radar_sense import analyses, axis
 from radar_sense.acceptance.accuracy import required_accuracies
 from radar_sense.analyses.rcs import rcs
-from radar_sense.model.detection_model import DetectionModel
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import propagate_scenario
 from radar_sense.sources import error_budget
 from radar_sense.words import describe_extreme as at
@@ -392,19 +390,3 @@ def test_the_numbers_of_the_path_example():
     turning = (time > 760) & (time < 830)
     bank = np.degrees(s.aircraft[turning, 3])
     assert bank == pytest.approx(np.degrees(np.arctan(200**2 / (9.80665 * 12e3))), abs=1)
-
-
-def test_many_poses_go_through_in_parts(tmp_path):
-    """Each pose has a covariance. With more poses than a block, σ equals σ of the linearization."""
-    count = 17_500
-    time = np.arange(count)
-    std = [10.0 + time % (7 + i) for i in range(6)]
-    rows = np.column_stack([time, 4e5 - 10 * time, 50e3 + time, 0 * time - 9e3, *std])
-    text = f"{HEAD},{STD}\n" + "\n".join(",".join(map(repr, r)) for r in rows.tolist())
-    s = load(tmp_path, text)
-    found = propagate_scenario(s, method="linear")
-    model: DetectionModel = s.model
-    linear = model.linearize(s.aircraft, s.radar)
-    expected = linear.std(s.cov_aircraft, s.cov_radar)
-    assert found.std == pytest.approx(expected, rel=1e-12)
-    assert Sampler(s.states()).sqrt_cov[17_001, 1, 1] == pytest.approx(10.0 + 17_001 % 8, rel=1e-15)
