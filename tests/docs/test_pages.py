@@ -81,7 +81,7 @@ def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
     A mission has a quarter of its draws: bounds of the times that are shown are whole looks.
     """
     without_pixels(monkeypatch)
-    few_draws(monkeypatch, 2048, replicates=8)
+    few_draws(monkeypatch, 2048, replicates=4)
     for line, shown in commands(page):
         if not line.startswith("radar-sense"):
             continue

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import dataclasses
 import io
 import json
 import os
@@ -14,7 +13,7 @@ import tempfile
 import traceback
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from unittest import mock
 
 import numpy as np
@@ -41,16 +40,8 @@ class BrokenError(AssertionError):
     """A property that does not hold."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Outcome:
-    """How a run ended.
-
-    Attributes:
-        code: Exit code.
-        out: What is on standard output.
-        err: What is on standard error.
-        scenario: The scenario that was read; None if it was refused.
-    """
+class Outcome(NamedTuple):
+    """Exit code, both outputs, and the scenario that was read; None if it was refused."""
 
     code: int
     out: str
@@ -61,12 +52,7 @@ class Outcome:
 def check(case: Case, *, again: bool = False) -> Outcome:
     """Run a case in a folder of its own, and insist on all properties.
 
-    Args:
-        case: The case.
-        again: Whether to run it twice, which must write the same numbers.
-
-    Raises:
-        BrokenError: If one does not hold.
+    A case that is run again must write the same numbers.
     """
     back = Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
