@@ -10,11 +10,8 @@ from radar_sense.cli import cli
     ("words", "expected"),
     [
         (["va"], ["validate", "variance"]),
-        (["budget", "--meth"], ["--method"]),
         (["montecarlo", "--sampler", ""], ["random", "sobol"]),
-        (["montecarlo", "--format", "p"], ["png", "pdf"]),
         (["variance", "--threshold", ""], []),
-        (["init", "--r"], ["--route"]),
     ],
 )
 def test_completions(words, expected):
