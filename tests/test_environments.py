@@ -1,7 +1,6 @@
 """Environments of users: settings of Matplotlib and Python, locales, closed streams."""
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -108,6 +107,5 @@ def test_without_docstrings(tool):
 def test_streams_that_take_nothing(tmp_path, words, shell, code, says):
     done = process(tmp_path, *words.split(), shell=shell)
     assert done.returncode == code, done.stderr
+    assert len(done.stderr.splitlines()) == bool(says)
     assert says in done.stderr
-    assert not re.search(rb"Traceback|Exception|BrokenPipe", done.stderr)
-    assert len(done.stderr.splitlines()) <= 1

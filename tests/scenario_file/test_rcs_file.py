@@ -112,6 +112,7 @@ REFUSED = {
     "empty": ([], None, "is empty; the first line must name the columns: azimuth_deg,"),
     "only a header": (A, None, "has no rows below the names of its columns"),
     "no unit": (["azimuth_deg,rcs", *full()], 1, "unknown column 'rcs'"),
+    "twice": (["azimuth_deg,azimuth_deg,rcs_m2"], 1, "duplicate column 'azimuth_deg'"),
     "no azimuth": (["elevation_deg,rcs_m2"], 1, "missing column 'azimuth_deg'"),
     "no value": (["azimuth_deg,elevation_deg"], 1, "one of the columns rcs_m2 and rcs_dbsm"),
     "two values": (["azimuth_deg,rcs_m2,rcs_dbsm"], 1, "and not both"),
