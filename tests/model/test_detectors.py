@@ -3,17 +3,15 @@
 import numpy as np
 import oracle
 import pytest
-from helpers import scenario
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose
-from scipy.special import chndtr, ndtr, ndtri
+from scipy.special import ndtr, ndtri
 from scipy.stats import norm
 
 from radar_sense.errors import InputError
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detectors import DETECTORS, Marcum, North, Swerling1, Swerling3, linearize
+from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3, linearize
 from radar_sense.model.rcs import ConstantRCS
-from radar_sense.montecarlo.montecarlo import TAIL, monte_carlo
 
 
 def north(snr, p_fa):
@@ -114,47 +112,6 @@ def test_swerling_is_the_mean_over_a_fluctuating_cross_section(snr, p_fa):
         t = ends[:-1, np.newaxis] + half * (1 + nodes)
         mean = np.sum(half * weights * density(t) * Marcum().p_d(t, p_fa))
         assert_allclose(fluctuating.p_d(np.array(snr), p_fa), mean, rtol=1e-10)
-
-
-def test_marcum_where_the_function_of_scipy_fails():
-    """SciPy's noncentral chi-square gives 0 or less for Q₁(5, 14), and 0 for a miss of 2e-91."""
-    assert 1 - chndtr(14.0**2, 2, 5.0**2) <= 0  # below 0 in SciPy 1.15
-    p_fa = float(mp.exp(-98))
-    assert_allclose(Marcum().p_d(np.array(12.5), p_fa), 1.8991679014e-19, rtol=1e-10)
-    assert chndtr(-2 * np.log(1e-4), 2, 600.0) == 0
-    z, _ = Marcum().linearize_probit(np.array(300.0), 1e-4)
-    assert abs(mp.ncdf(-mpf(float(z))) / oracle.marcum(300.0, 1e-4)[1] - 1) < mpf("1e-11")
-
-
-#: Detectors that integrate, and the c_r with which P_D is neither 0 nor 1 on the paper's orbit.
-INTEGRATING = [
-    ({"model": "marcum", "pulses": 10}, 30.0),
-    ({"model": "swerling2", "pulses": 10, "cfar": {"type": "cell_averaging", "cells": 24}}, 40.0),
-    ({"model": "swerling1", "cfar": {"type": "ordered_statistics", "cells": 24, "rank": 18}}, 2e2),
-    ({"model": "swerling4", "pulses": 3, "binary": {"m": 2, "n": 4}}, 40.0),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("detector", "constant"), [*((name, 167.0) for name in DETECTORS), *INTEGRATING]
-)
-def test_band_by_form_holds_the_draws_of_the_paper_s_orbit(detector, constant):
-    """All ten states uncertain, every detector as a scenario names it."""
-    s = scenario(
-        radar__detector=detector,
-        radar__constant=constant,
-        geometry__azimuth_deg={"start": 0, "stop": 90, "step": 15},
-        uncertainty__radar={"wide": {"position_m": 1000, "constant": constant / 16}},
-        analysis__level="wide",
-    )
-    mc = monte_carlo(s, runs=20_000, method="form")
-    assert 0.02 < mc.mean.min() < mc.mean.max() < 0.999
-    assert (abs(mc.mean - mc.band.mean) < 4.5 * mc.std / np.sqrt(mc.runs)).all()
-    # the deviation of a deviation, with room for tails heavier than a Gaussian's
-    assert_allclose(mc.std, mc.band.std, rtol=0.035)
-    low, high = mc.coverage_interval(1 - 1e-4)
-    assert (low < 1 - 2 * TAIL).all()
-    assert (high > 1 - 2 * TAIL).all()
 
 
 class Own:

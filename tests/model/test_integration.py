@@ -1,6 +1,5 @@
 """N pulses, CFAR and m of n pulses: against mpmath, draws of pulses, and print."""
 
-import dataclasses
 import math
 from functools import partial
 
@@ -381,9 +380,3 @@ def test_required_snr():
     worst = Swerling1(cfar=OrderedStatistics(2, 1))
     for p_d, decibels in ((0.5, 300.0), (0.9, 309.542425), (1 - 1e-6, 360.0)):
         assert 10 * math.log10(required_snr(worst, 1e-30, p_d)) == pytest.approx(decibels, abs=1e-5)
-
-
-def test_detectors_are_values():
-    """Equal detectors share a table, and differ from those with other keys."""
-    assert Swerling2(pulses=3) == Swerling2(pulses=3) != Swerling2(pulses=4)
-    assert hash(TABLED[2]) == hash(dataclasses.replace(TABLED[2]))

@@ -147,7 +147,7 @@ def test_fusion_keeps_both_tails():
 def test_second_derivatives_of_the_fusion():
     # against differences in 40 digits of z, by its definition
     rng = np.random.default_rng(8)
-    columns = [rng.uniform(-12, 12, m) for m in (2, 3, 4)]
+    columns = [rng.uniform(-12, 12, m) for m in (2, 3)]
     columns += [np.array(z) for z in ([30.0, 29.9], [-8.9, -9.1, -9.0], [0.0, 9.0], [-6.0, 3.0])]
     with mp.workdps(40):
 

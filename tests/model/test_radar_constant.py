@@ -74,17 +74,39 @@ def any_radar(kind, rng):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_constant_in_fifty_digits(kind):
+def test_constant_slopes_and_factors_in_fifty_digits(kind):
+    """A draw multiplies c_r by the ratio of the formula at drawn and nominal parameters."""
     rng = np.random.default_rng(5)
     for _ in range(30):
         values = any_radar(kind, rng)
-        given = dict(values)
-        factor = "16"
+        given, factor = dict(values), "16"
         if kind == "surveillance":
             factor = ["16", "4pi"][rng.integers(2)]
             given["search_factor"] = factor if factor == "4pi" or rng.integers(2) else 16
-        exact = exactly(kind, values, factor)
-        assert sheet_scenario(kind, given, 0.0).radar[3] == pytest.approx(float(exact), rel=1e-13)
+        std = {
+            key: float(rng.uniform(0.01, 0.15) * (5 if key.endswith(("_db", "_dbi")) else value))
+            for key, value in values.items()
+        }
+        s = sheet_scenario(kind, given, std)
+        parts = s.tolerances[0]
+        assert {part.key: part.std for part in parts} == std
+        normals, moved, total = rng.standard_normal(len(parts)), dict(values), mpf(0)
+        with mp.workdps(50):
+            nominal = exactly(kind, values, factor)
+            assert s.radar[3] == pytest.approx(float(nominal), rel=1e-13)
+            for part, u in zip(parts, normals, strict=True):
+                value, width = mpf(values[part.key]), mpf(std[part.key])
+                step = width * mpf("1e-15")
+                ahead, behind = (
+                    exactly(kind, {**values, part.key: value + h}, factor) for h in (step, -step)
+                )
+                slope = (ahead - behind) / (2 * step) * width / nominal
+                assert part.slope == pytest.approx(float(slope), rel=1e-13)
+                total += slope**2
+                moved[part.key] = value + width * mpf(u)
+            drawn = exactly(kind, moved, factor) / nominal
+        assert relative_std(parts) == pytest.approx(float(mp.sqrt(total)), rel=1e-13)
+        assert factors(parts, normals) == pytest.approx(float(drawn), rel=1e-12)
 
 
 def test_the_search_factor_is_a_key():
@@ -98,57 +120,6 @@ def test_the_search_factor_is_a_key():
     with pytest.raises(ValueError, match="16 or 4π"):
         SurveillanceRadar(1, 1, 1, 1, 1, 0, 0, search_factor=12.0)
     assert SurveillanceRadar(1, 1, 1, 1, 1, 0, 0).search_factor == SEARCH_FACTORS["16"]
-
-
-def parts_of(kind, values, std):
-    """Parts by key, by way of a scenario."""
-    found = sheet_scenario(kind, values, std).tolerances[0]
-    assert {part.key: part.std for part in found} == std
-    return found
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_derivatives_are_those_of_the_formula(kind):
-    rng = np.random.default_rng(7)
-    for _ in range(15):
-        values = any_radar(kind, rng)
-        std = {
-            key: float(rng.uniform(0.01, 0.15) * (5 if key.endswith(("_db", "_dbi")) else value))
-            for key, value in values.items()
-        }
-        parts = parts_of(kind, values, std)
-        total = mpf(0)
-        with mp.workdps(50):
-            nominal = exactly(kind, values)
-            for part in parts:
-                step = mpf(std[part.key]) * mpf("1e-15")
-                ahead, behind = (
-                    exactly(kind, {**values, part.key: mpf(values[part.key]) + h})
-                    for h in (step, -step)
-                )
-                slope = (ahead - behind) / (2 * step) * mpf(std[part.key]) / nominal
-                assert part.slope == pytest.approx(float(slope), rel=1e-13)
-                total += slope**2
-        assert relative_std(parts) == pytest.approx(float(mp.sqrt(total)), rel=1e-13)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_factors_are_those_of_the_formula(kind):
-    """A draw multiplies c_r by the ratio of the formula at drawn and nominal parameters."""
-    rng = np.random.default_rng(9)
-    for _ in range(20):
-        values = any_radar(kind, rng)
-        std = {
-            key: 1.0 if key.endswith(("_db", "_dbi")) else 0.1 * value
-            for key, value in values.items()
-        }
-        parts = parts_of(kind, values, std)
-        normals = rng.standard_normal(len(parts))
-        moved = dict(values)
-        for part, u in zip(parts, normals, strict=True):
-            moved[part.key] = mpf(values[part.key]) + mpf(std[part.key]) * mpf(u)
-        exact = exactly(kind, moved) / exactly(kind, values)
-        assert factors(parts, normals) == pytest.approx(float(exact), rel=1e-12)
 
 
 EVERY_PART = [

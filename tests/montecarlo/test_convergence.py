@@ -1,10 +1,8 @@
 """Convergence of Monte Carlo: the estimators and the measured errors."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from helpers import OVERHEAD, dashes, lay_out, legend_off_data, read_record, scenario
+from helpers import OVERHEAD, dashes, lay_out, legend_off_data, scenario
 
 from radar_sense.analyses.convergence import convergence
 from radar_sense.montecarlo.convergence import (
@@ -189,29 +187,28 @@ def test_a_pose_whose_sigma_few_draws_know_is_no_unit():
     assert errors[-1] < 0.2
 
 
-@pytest.mark.parametrize(
-    ("changes", "runs"), [(WEAK, 2), (NOTHING, 16)], ids=["overhead", "nothing"]
-)
-def test_layout(changes, runs):
-    figure = lay_out(convergence(scenario(**changes), runs=runs).plot())
+def test_layout_without_errors():
+    """`tests/analyses/test_figures.py` has the other layouts."""
+    figure = lay_out(convergence(scenario(**NOTHING), runs=16).plot())
     assert len(figure.axes) == 3
     legend_off_data(figure)
-    for axes in figure.axes:
-        assert axes.get_xscale() == "log"
-        assert axes.get_yscale() == ("linear" if changes is NOTHING else "log")
-        lines = axes.lines[: len(SAMPLERS)]
-        assert len({line.get_marker() for line in lines}) == len(SAMPLERS)  # tells them in grey
-        assert len({dashes(line) for line in lines}) == len(SAMPLERS)
-        for text in axes.texts:
-            assert axes.get_window_extent().contains(*text.get_window_extent().min)
-            assert axes.get_window_extent().contains(*text.get_window_extent().max)
+    assert {(axes.get_xscale(), axes.get_yscale()) for axes in figure.axes} == {("log", "linear")}
 
 
-def test_the_guide_lines_have_their_slopes(small):
-    for axes, powers in zip(small.plot().axes, ([-0.5, -1], [-0.5, -1], [-0.5]), strict=True):
-        guides = axes.lines[len(SAMPLERS) :]
+def test_lines_of_the_figure(small):
+    """Markers and dashes tell samplers in grey, guide lines have their slopes, and names fit."""
+    figure = lay_out(small.plot())
+    for axes, powers in zip(figure.axes, ([-0.5, -1], [-0.5, -1], [-0.5]), strict=True):
+        assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+        lines, guides = axes.lines[: len(SAMPLERS)], axes.lines[len(SAMPLERS) :]
+        for of in (lambda line: line.get_marker(), dashes):
+            assert len({of(line) for line in lines}) == len(SAMPLERS)
         for line, power in zip(guides, powers, strict=True):
             assert rate(*line.get_data()) == pytest.approx(power)
+        for text in axes.texts:
+            box = text.get_window_extent()
+            assert axes.get_window_extent().contains(*box.min)
+            assert axes.get_window_extent().contains(*box.max)
 
 
 def test_rate_of_what_falls_as_a_power():
@@ -219,15 +216,3 @@ def test_rate_of_what_falls_as_a_power():
     errors = np.concatenate([[9, 9, 1], 3.0 * runs[3:] ** -0.75])
     assert rate(runs, errors) == pytest.approx(-0.75)
     assert np.isnan([rate(runs[:1], np.ones(1)), rate(runs, np.zeros(8))]).all()
-
-
-def test_the_command(tool):
-    code, out, err = tool("convergence", "--runs", 32, "--seed", 4, "--level", "high", "--no-plot")
-    assert (code, err) == (0, "")
-    assert out.splitlines()[0].startswith("RMS error with 32 runs (high)")
-    assert [line.split("  ")[1] for line in out.splitlines()[2:4]] == ["random", "sobol"]
-    record = read_record("figures/paper_convergence.json")
-    assert (record["seed"], record["summary"]["repetitions"]) == (4, REPLICATIONS)
-    given = {"level": "high", "method": "linear", "runs": 32, "seed": 4}
-    assert record["scenario"]["analysis"] == given
-    assert len(Path("figures/paper_convergence.csv").read_text().splitlines()) == 6

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from helpers import scenario, with_arrays
 
-import radar_sense as rs
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide
 from radar_sense.model.antenna import ElevationGain
@@ -17,7 +16,7 @@ from radar_sense.model.radar import Level, Radar
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.propagation import METHODS, band_of_scenario, distribution, propagate_scenario
 from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.staged import FIRST, GROWTH, LAST, PRECISE, StagedDraws
+from radar_sense.propagation.staged import FIRST, LAST, PRECISE, StagedDraws
 
 #: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
 EXPANSION = 2 * (3 + 4) + 1
@@ -75,20 +74,6 @@ def test_evaluations_of_a_method(radars, count):
         assert values <= (method == "form")  # which computes P_D apart
         of_bound, _ = count(lambda s, m=method: distribution(s, m).quantile(3.0), s)
         assert of_bound <= (most if most == 1 else EXPANSION + ONE_EXTREME)
-
-
-@pytest.mark.parametrize("method", ["form", "montecarlo", "automatic"])
-def test_states_without_errors_have_p_d_without_rounding(method):
-    """As those of a source at a pose where its radar is out of sight."""
-    certain = problem(2).states().with_covariances(np.zeros((6, 6)), np.zeros((14, 14)), ((), ()))
-    found, nominal = METHODS[method](certain), problem(2).p_d()
-    for number in (found.quantile(3.0), found.quantile(-3.0), found.mean):
-        assert number == pytest.approx(nominal, abs=1e-15)
-    assert not found.std.any()
-    drawn = estimate(certain, FIRST, 3.0, 0.5)
-    assert not drawn.errors.any()
-    assert drawn.above[0].tolist() == (nominal > 0.5).tolist()
-    assert (drawn.draws == FIRST).all()
 
 
 def test_draws_of_one_radar_with_errors(count):
@@ -181,15 +166,3 @@ def test_a_distribution_for_other_covariances(method):
     for value in (lambda d: d.std, lambda d: d.mean, lambda d: d.quantile(-3.0)):
         np.testing.assert_allclose(value(changed), value(fresh), rtol=rtol)
     assert np.all(changed.std > first.std)
-
-
-def test_a_second_question_gets_the_draws_that_it_would_alone():
-    """Each question wants other numbers of draws at the poses."""
-    states = rs.load_scenario().at_poses(slice(0, None, 100)).states()
-    staged, wanted = StagedDraws.of_p_d(states, 3.0), FIRST * GROWTH ** np.arange(4)
-    for last in (np.resize(wanted, len(states)), np.resize(wanted[::-1], len(states))):
-        drawn = staged.until(lambda rows, found, last=last: found.draws >= last[rows], LAST)
-        np.testing.assert_array_equal(drawn.draws, last)
-        for pose, draws in enumerate(last):
-            alone = estimate(states.at(np.array([pose])), int(draws), 3.0)
-            assert np.array_equal(alone.bounds[0][:, 0], drawn.bounds[0][:, pose])

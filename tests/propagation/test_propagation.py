@@ -14,7 +14,7 @@ from reference import reading
 from scipy.constants import Boltzmann
 from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
-from studies.bands import judging, package, populations, truth
+from studies.bands import package, populations, truth
 
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
@@ -102,14 +102,10 @@ def test_error_on_the_paper_s_scenario(method, level):
     assert np.all(np.array(errors) > 0.5 * np.array(ERRORS[method, level]))
     assert_array_equal(found.error, 0.0)
     assert_array_equal(found.p_d, MODEL.p_d(AIRCRAFT, RADAR))
-
-
-@pytest.mark.parametrize("level", COV_RADAR)
-def test_form_bounds_at_other_beta(level):
-    for beta in (1, 2):
-        found, exact = on_paper("form", level, beta=beta).at(IN_REFERENCE), REFERENCE[level]
-        assert_allclose(found.lower, exact[f"lower_{beta}"], rtol=0, atol=4.5e-5)
-        assert_allclose(found.upper, exact[f"upper_{beta}"], rtol=0, atol=4.5e-5)
+    for beta in (1, 2) if method == "form" else ():
+        other = on_paper(method, level, beta=beta).at(IN_REFERENCE)
+        assert_allclose(other.lower, exact[f"lower_{beta}"], rtol=0, atol=4.5e-5)
+        assert_allclose(other.upper, exact[f"upper_{beta}"], rtol=0, atol=4.5e-5)
 
 
 def parts_of_what_is_allowed(found, lower, upper, std):
@@ -379,17 +375,6 @@ def test_bounds_stay_within_0_and_1(method, beta):
     assert np.all((found.mean[known] > 0) & (found.mean[known] < 1))
 
 
-def test_huge_uncertainty_is_warned_of():
-    """Nearly all draws of P_D are then 0 or 1, and so are the bounds by draws."""
-    states = MODEL, AIRCRAFT[::180], RADAR, COV_AIRCRAFT * 1e8, COV_RADAR["low"] * 1e8
-    for method in SMOOTH:
-        assert unreliable(*states, method=method).all()
-    found = propagate(*states)
-    assert not is_unreliable(states, found, "automatic").any()
-    assert_allclose(found.lower, MODEL.p_d(AIRCRAFT[0], RADAR * 0), rtol=0, atol=1e-3)
-    assert_array_equal(found.upper, 1.0)
-
-
 def test_a_pose_that_has_not_converged_does_not_change_its_neighbours():
     """A spikeball has kinks. Poses with an extreme at a kink do not converge."""
     model = DetectionModel(SpikeballRCS(4, 0.18, 0.1), p_fa=1.7e-4)
@@ -432,20 +417,11 @@ def test_straight_above_the_radar_nothing_is_known_but_by_draws(method, rcs):
 
 
 @pytest.mark.parametrize("method", SMOOTH)
-def test_a_pose_does_not_depend_on_the_others(method):
-    """It is the same alone and among more poses than are computed at a time.
-
-    `test_draws` has the methods with draws.
-    """
-    some = AIRCRAFT[::20]
-    whole = propagate(MODEL, some, RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
-    for i in (0, 7, 18):
-        alone = propagate(MODEL, some[i], RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
-        assert np.shape(alone.mean) == ()
-        assert_same(alone, whole.at(i))
-    many = np.resize(some, (2500, 6))
-    found = propagate(MODEL, many, RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
-    assert_same(found, Moments(**{n: np.resize(v, len(many)) for n, v in whole.arrays.items()}))
+def test_more_poses_than_are_computed_at_a_time(method):
+    states = RADAR, COV_AIRCRAFT, COV_RADAR["medium"]
+    some = propagate(MODEL, AIRCRAFT[::20], *states, method=method)
+    many = propagate(MODEL, np.resize(AIRCRAFT[::20], (2500, 6)), *states, method=method)
+    assert_same(many, Moments(**{n: np.resize(v, 2500) for n, v in some.arrays.items()}))
 
 
 @pytest.mark.usefixtures("few_judge")
@@ -463,6 +439,7 @@ def test_states_and_covariances_broadcast(method):
         alone = propagate(
             MODEL, aircraft[i, j], radar[j], cov_aircraft[i], cov_radar[j], method=method
         )
+        assert np.shape(alone.mean) == ()
         assert_same(alone, found.at((i, j)), rtol=1e-11)
     # One pose with many covariances.
     many = propagate(MODEL, aircraft[0, 0], radar[0], COV_AIRCRAFT, cov_radar, method=method)
@@ -478,19 +455,11 @@ def test_no_poses(method):
         assert unreliable(*states, method=method).shape == shape
 
 
-def test_inputs_are_left_alone():
-    given = [AIRCRAFT[:5].copy(), RADAR.copy(), COV_AIRCRAFT.copy(), COV_RADAR["high"].copy()]
-    before = [array.copy() for array in given]
-    for method in METHODS:
-        propagate(MODEL, *given, method=method)
-    for array, copy in zip(given, before, strict=True):
-        assert_array_equal(array, copy)
-
-
 @pytest.mark.parametrize(
     ("detector", "percent"),
     [
-        *((North(), percent) for percent in (5, 10, 20)),
+        (North(), 5),
+        (North(), 20),
         (Marcum(), 20),
         (Swerling1(), 10),
         (Swerling3(), 2),
@@ -537,7 +506,7 @@ def lobed(near_deg, far_deg, far_db):
     return TableRCS(np.radians(azimuth), 10 ** (decibels / 10 - 1.2))
 
 
-@pytest.mark.parametrize("far_deg", [-5.5, -6.5, -7.5])
+@pytest.mark.parametrize("far_deg", [-5.5, -7.5])
 def test_a_far_lobe_is_warned_of_and_in_the_draws(far_deg):
     """Only yaw is uncertain, by 3 deg. Exact quantiles come from a fine grid of yaw."""
     model = DetectionModel(lobed(2.0, far_deg, 12.0), p_fa=1e-6)
@@ -557,22 +526,6 @@ def test_a_far_lobe_is_warned_of_and_in_the_draws(far_deg):
     found = propagate(*case)
     assert 0 < found.error <= 0.005
     assert abs(found.upper - exact) < 0.005 + 4 * found.error
-
-
-@pytest.mark.parametrize("population", populations.POPULATIONS)
-def test_no_bound_is_off_without_a_warning_in_random_scenarios(population):
-    """A small part of the study in tests/studies/bands, which says what is off."""
-    seed, off = 5, {"form": 0, "automatic": 0}
-    for number in range(2):
-        case = populations.problem(population, seed, number)
-        exact = truth.truth(case, seed, most=50_000)
-        scenario = package.scenario(case)
-        for method in off:
-            judged = judging.judge(exact, package.band(scenario, method, case.k))
-            assert judged.warned or not judged.off, (number, method)
-            off[method] += judged.off
-    assert off["automatic"] == 0
-    assert off["form"] >= (population != "general")  # the scenarios can tell
 
 
 @pytest.mark.parametrize(

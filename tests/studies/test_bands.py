@@ -54,12 +54,6 @@ def test_standard_errors_of_quantiles_are_their_deviation():
     assert np.mean((between[:, 0] <= 2.0) & (between[:, 1] >= 2.0)) > 0.99
 
 
-def test_a_root_is_a_root_of_a_singular_matrix_too():
-    matrix = np.array([[4e6, 2e-3, 0], [2e-3, 1e-12, 0], [0, 0, 0]])
-    root = model.root(matrix)
-    np.testing.assert_allclose(root @ root.T, matrix, rtol=1e-9, atol=1e-18)
-
-
 def test_a_band_is_judged_by_both_bounds_and_by_four_standard_errors():
     exact = truth.truth(problem("general", SEED, 3), SEED, most=50_000)
     right = package.Band(exact.lower, exact.upper, 0.0, 0.0, warned=False)
@@ -74,32 +68,6 @@ def test_a_band_is_judged_by_both_bounds_and_by_four_standard_errors():
     assert judging.counts(verdicts) == (4, 1, 1, 1)
 
 
-def test_thresholds_stand_on_both_sides_of_the_true_bound():
-    rows = [
-        (case, truth.truth(case, SEED, most=50_000))
-        for case in (problem("short range", SEED, number) for number in range(12))
-    ]
-    asked = list(judging.thresholds(rows))
-    assert {verdict for *_, verdict in asked} == {"holds", "violated"}
-    for case, threshold, verdict in asked:
-        exact = dict(rows)[case]
-        assert (threshold < exact.upper) == (verdict == "violated")
-
-
-@pytest.mark.parametrize("kind", paths.KINDS)
-def test_a_route_grazes_between_its_rows_and_not_at_them(kind):
-    path = paths.grazing(SEED, paths.KINDS.index(kind))
-    scenario = package.scenario(path.problem, aircraft=path.aircraft, time_s=path.time_s)
-    rows = scenario.model.p_d(scenario.aircraft, scenario.radar)
-    assert rows.max() <= paths.WELL_BELOW * path.threshold
-    middle = np.linspace(path.time_s[0], path.time_s[-1], 40_001)
-    states = paths.along(path.time_s, path.aircraft, middle)
-    p_d = scenario.model.p_d(states, scenario.radar)
-    seconds = np.mean(p_d > path.threshold) * np.ptp(path.time_s)
-    assert path.seconds >= 1.0
-    assert seconds == pytest.approx(path.seconds, abs=2 * paths.STEP + np.ptp(path.time_s) / 20_000)
-
-
 @pytest.mark.parametrize("number", [26, 294, 704])
 def test_a_limit_that_is_entered_and_left_between_two_rows_is_found(number):
     """The rows are on both sides of the greatest margin, and nothing else divides the step."""
@@ -107,9 +75,3 @@ def test_a_limit_that_is_entered_and_left_between_two_rows_is_found(number):
     scenario = package.scenario(path.problem, aircraft=path.aircraft, time_s=path.time_s)
     poses = refinement.along(scenario, refinement.places(scenario))
     assert poses.model.p_d(poses.aircraft, poses.radar).max() > path.threshold
-
-
-def test_a_route_that_passes_by_is_not_seen():
-    for number in range(len(paths.PASSING)):
-        path = paths.passing(SEED, number)
-        assert path.peak <= 0.1 * path.threshold
