@@ -197,14 +197,14 @@ def assert_pose_by_pose(model, aircraft, radar):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_pose_has_the_numbers_that_it_has_alone(monkeypatch, kind):
     """In arrays of any shape and blocks of any size, and beside a pose without a gradient."""
-    model, _, aircraft, radar = random_case(np.random.default_rng(13), kind, 100)
+    model, _, aircraft, radar = random_case(np.random.default_rng(13), kind, 20)
     aircraft[1] = [*radar[0, :3] - [0, 0, 3e3], 0, 0, 1]
     for block in (BLOCK, 7, 1):
         for name in ("states", "model.detection_model"):
             monkeypatch.setattr(f"radar_sense.{name}.BLOCK", block)
         for of_aircraft, of_radar in (
-            *(((), ()), ((99,), ()), ((), (9,)), ((7, 1), (5,)), ((1,), (3, 1)), ((0,), ())),
-            *(((5, 20), (5, 1)), ((100,), (100,))),
+            *(((), ()), ((20,), ()), ((), (9,)), ((7, 1), (5,)), ((1,), (3, 1)), ((0,), ())),
+            ((20,), (20,)),
         ):
             count, radars = math.prod(of_aircraft), math.prod(of_radar)
             assert_pose_by_pose(
@@ -214,17 +214,12 @@ def test_a_pose_has_the_numbers_that_it_has_alone(monkeypatch, kind):
             )
 
 
-def test_memory_layout_and_type_of_the_input_do_not_matter():
-    model, _, aircraft, radar = random_case(np.random.default_rng(15), "ellipsoid", 50)
-    expected = partials(model.linearize(aircraft, radar))
-    wide = np.zeros((100, 12))
-    wide[::2, ::2] = aircraft
-    backwards = aircraft[::-1].copy()[::-1]
-    for same in (wide[::2, ::2], np.asfortranarray(aircraft), backwards, aircraft.tolist()):
-        assert_array_equal(partials(model.linearize(same, radar)), expected)
+def test_layout_and_type_of_the_input_do_not_matter():
     whole = [300_000, 400_000, -3_000, 1, 0, 2], [10, -20, 0, 167]
-    expected = PAPER.linearize(*(np.array(state, dtype=float) for state in whole))
-    for same in (whole, [np.array(state) for state in whole]):
+    states = [np.array(state, dtype=float) for state in whole]
+    expected = PAPER.linearize(*states)
+    every_second = [np.repeat(state, 2)[::2] for state in states]
+    for same in (whole, [np.array(state) for state in whole], every_second):
         lin = PAPER.linearize(*same)
         assert lin.p_d == expected.p_d
         assert_array_equal(partials(lin), partials(expected))

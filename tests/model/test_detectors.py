@@ -79,26 +79,6 @@ def test_value_slope_and_probit_in_both_tails(detector):
             assert abs(z_by_snr - exact_z_slope) <= mpf("2e-11") * exact_z_slope, case
 
 
-@pytest.mark.parametrize("detector", EXACT)
-def test_the_complement_keeps_its_digits_where_p_d_rounds_to_one(detector):
-    """P_D keeps its digits down to 1e-200."""
-    snr = {North: 700.0, Marcum: 700.0, Swerling1: 1e18, Swerling3: 1e12}[detector]
-    assert detector().p_d(np.array(snr), 1e-6) == 1.0
-    z, _ = detector().linearize_probit(np.array(snr), 1e-6)
-    miss = ORACLES[detector](snr, 1e-6)[1]
-    assert miss < mpf("1e-16")
-    assert abs(mp.ncdf(-mpf(float(z))) / miss - 1) < mpf("1e-11")
-    p_d = detector().p_d(np.array(0.01), 1e-200)
-    exact = ORACLES[detector](0.01, 1e-200)[0]
-    assert exact < 1e-188
-    assert abs(p_d / exact - 1) < mpf("1e-12")
-    z, by_snr = (mpf(float(v)) for v in detector().linearize_probit(np.array(0.01), 1e-200))
-    assert abs(mp.ncdf(z) / exact - 1) < mpf("1e-11")
-    with mp.workdps(60):
-        exact_slope = slope(ORACLES[detector], 0.01, 1e-200, 0) / mp.npdf(z)
-        assert abs(by_snr / exact_slope - 1) < mpf("1e-10")
-
-
 @pytest.mark.parametrize(("snr", "p_fa"), [(0.3, 0.1), (5.0, 1e-3), (40.0, 1e-6), (15.0, 1e-12)])
 def test_swerling_is_the_mean_over_a_fluctuating_cross_section(snr, p_fa):
     """The oracles above have the same closed form; here Marcum's P_D is averaged."""

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers import SURVEILLANCE, TOLERANCES, sheet_document, sheet_scenario, yaml_text
+from helpers import SURVEILLANCE, sheet_document, sheet_scenario, yaml_text
 from mpmath import mp, mpf
 from scipy.integrate import quad
 
@@ -19,7 +19,6 @@ from radar_sense.model.radar_constant import (
 )
 from radar_sense.model.radar_equation import SEARCH_FACTORS, SurveillanceRadar
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.montecarlo.sampler import clipped
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
 
@@ -159,27 +158,6 @@ def test_moments_of_a_factor_by_quadrature(part):
             for ends in pairwise(corners)
         )
         assert part.moment(order) == pytest.approx(exact, rel=1e-9)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_draws_have_the_moments(kind):
-    s = sheet_scenario(kind)
-    states, runs = s.states(), 400_000
-    normals = np.random.default_rng(3).standard_normal((runs, states.radar_normals))
-    assert states.radar_normals == 3 + len(TOLERANCES[kind])
-    radar = states.radars_at(normals)
-    drawn, (mean, std, skewness) = radar[:, 3] / s.radar[3], moments(s.tolerances[0])
-    assert clipped(radar) == 0
-    # 4.5 standard errors: of the mean, of the deviation (by the fourth moment), of the skewness
-    assert drawn.mean() == pytest.approx(mean, abs=4.5 * std / math.sqrt(runs))
-    centred = (drawn - drawn.mean()) / drawn.std()
-    error = math.sqrt((np.mean(centred**4) - 1) / (4 * runs))
-    assert drawn.std() == pytest.approx(std, rel=4.5 * error)
-    assert np.mean(centred**3) == pytest.approx(skewness, abs=0.05)
-    # and they are far from the first order, which would not pass
-    assert std / relative_std(s.tolerances[0]) - 1 > 3 * 4.5 * error
-    np.testing.assert_allclose(radar[:, :3].std(axis=0), 100, rtol=0.01)
-    assert np.max(abs(np.corrcoef(radar[:, :4].T) - np.eye(4))) < 0.01
 
 
 @pytest.mark.parametrize("std", [0.0, 1e-6, 1e-5, 3e-4, 1e-2, 1.0, 20.0])

@@ -93,19 +93,6 @@ def test_the_gradient_is_that_of_the_cross_section(kind):
     np.testing.assert_allclose(across, 0, atol=1e-10)
 
 
-def test_beyond_its_elevations_a_grid_is_constant_and_smooth():
-    rng = np.random.default_rng(6)
-    table = grid(rng)
-    azimuth = rng.uniform(-np.pi, np.pi, 50)
-    for edge, beyond in ((60, 89), (-40, -89)):
-        here, there = (table.cross_section(direction(azimuth, e * DEG)) for e in (edge, beyond))
-        np.testing.assert_allclose(there, here, rtol=1e-12)
-        around = direction(np.array(0.3), edge * DEG + np.array([-2e-8, 2e-8]))
-        (inside, outside), gradients = table.linearize(around)
-        assert inside == pytest.approx(outside, rel=1e-9)
-        np.testing.assert_allclose(*gradients, atol=1e-4 * inside)
-
-
 def test_straight_above_and_below():
     rng = np.random.default_rng(7)
     ends = np.array([[0, 0, -2.0], [0, 0, 2.0]])

@@ -93,43 +93,6 @@ def test_turns_converge_with_the_square_of_the_step(right, climb, times):
         assert np.all((order > 1.7) | exact), (errors, order)
 
 
-def test_a_parabola_and_a_cubic_are_exact():
-    rng = np.random.default_rng(4)
-    time = np.cumsum(rng.uniform(0.1, 3.0, 30))
-
-    def motion(east):
-        return motion_of_samples(time, np.stack([100.0 * time, east, 0 * time], -1))
-
-    # The acceleration of a cubic is found exactly, its velocity is not.
-    cubic = motion(0.02 * time**3 - time**2)
-    np.testing.assert_allclose(cubic[1][:, 1], 0.12 * time - 2, atol=1e-10)
-    np.testing.assert_allclose(motion(time**2)[0][:, 1], 2 * time, atol=1e-10)
-    assert attitude_from_motion("track", *cubic, np.zeros(len(cubic[0]), bool))[0, 0] < 0
-
-
-def test_acceleration_is_between_those_measured_around_it():
-    rng = np.random.default_rng(9)
-    time = np.cumsum(rng.uniform(0.1, 3.0, 200))
-    position = rng.standard_normal((200, 3))
-    slope = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
-    measured = 2 * np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, np.newaxis]
-    _, acceleration = motion_of_samples(time, position)
-    # Row i + 2 has second differences centred near it, before it and after it.
-    around = np.stack([measured[:-2], measured[1:-1], measured[2:]])
-    inner = acceleration[2:-2]
-    assert np.all((inner >= around.min(axis=0)) & (inner <= around.max(axis=0)))
-
-
-def test_drifting_is_hovering():
-    velocity = np.array([[10.0, 0, -1], [0, 0.05, -0.05], [0, 0.05, 5]])
-    acceleration = np.array([[2.0, 2, 0]] * 3)
-    hovers = np.array([False, True, True])
-    roll, pitch, yaw = attitude_from_motion("track", velocity, acceleration, hovers).T
-    np.testing.assert_allclose(roll, [math.atan(2 / G), 0, 0], rtol=1e-14)
-    np.testing.assert_allclose(pitch, [math.atan(0.1), 0, 0], rtol=1e-14)
-    np.testing.assert_array_equal(yaw, 0.0)
-
-
 def test_a_hovering_aircraft_keeps_the_last_course_and_is_level():
     north = np.array([0.0, 0, 0, 0, 50, 100, 100, 100, 100, 100])
     up = np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 10, 20])
@@ -221,25 +184,17 @@ def test_given_attitudes_turn_the_short_way_at_a_constant_rate():
     np.testing.assert_allclose(nose, [0, 0, -1], atol=1e-15)
 
 
-@pytest.mark.parametrize("origin", [None, ORIGIN])
-def test_covariances_are_mixed(origin):
-    rng = np.random.default_rng(5)
+@pytest.mark.parametrize("method", ["legs", "smooth"])
+def test_covariances_are_mixed(method):
+    """`tests/scenario_file/test_origin.py` has the mixture about an origin."""
+    covariance = random_covariance(np.random.default_rng(5), 3, rank=2)
     time = np.array([0.0, 1.0, 4.0])
-    covariance = random_covariance(rng, 3, rank=2)
-    if origin:
-        place = np.array(ORIGIN) + np.outer(time, [1e-3, 1e-3, 100])
-        columns = geodetic(time, place)
-    else:
-        columns = ned(time, np.outer(time, [200.0, 0, 0]))
-    path = load({**columns, **triangle(covariance)}, origin=origin)
-    for method in ("legs", "smooth"):
-        found = resample(path, 0.5, method)
-        assert all(problem(c) is None for c in found.covariance)
-        if origin is None:  # with an origin: tests/scenario_file/test_origin.py
-            expected = 0.5 * (path.covariance[1] + path.covariance[2])
-            np.testing.assert_allclose(found.covariance[5], expected, rtol=1e-12)
-            np.testing.assert_array_equal(found.covariance[0], path.covariance[0])
-            np.testing.assert_array_equal(found.covariance[-1], path.covariance[-1])
+    path = load({**ned(time, np.outer(time, [200.0, 0, 0])), **triangle(covariance)})
+    found = resample(path, 0.5, method).covariance
+    assert all(problem(c) is None for c in found)
+    expected = 0.5 * (path.covariance[1] + path.covariance[2])
+    np.testing.assert_allclose(found[5], expected, rtol=1e-12)
+    np.testing.assert_array_equal(found[[0, -1]], path.covariance[[0, -1]])
 
 
 def test_legs_follow_the_curve_of_the_earth():

@@ -59,14 +59,13 @@ def test_two_radars_at_one_place_with_independent_constants_against_quadrature(s
         assert np.max(abs(lin.std / np.sqrt(variance) - 1)) > 0.03
 
 
-@pytest.mark.parametrize(("attitude_deg", "factor"), [(1.0, 1.7), (3.0, 2.66)])
-def test_independence_understates_the_variance(attitude_deg, factor):
+def test_independence_understates_the_variance():
     """Three radars near each other, 3 % uncertain, have the same error of the aspect."""
     scenario = paper_network(
         [(0, 0, 0), (1e4, -1e4, 0), (-1e4, 1e4, 0)],
         [70, 70, 70],
         poses=slice(90, 91),
-        attitude_deg=attitude_deg,
+        attitude_deg=3.0,
     )
     cov = np.diag([10.0**2] * 3 + [2.14**2])
     scenario = with_arrays(scenario, cov_radar={"medium": np.kron(np.eye(3), cov)}, runs=100_000)
@@ -88,8 +87,8 @@ def test_independence_understates_the_variance(attitude_deg, factor):
         normals = rng.standard_normal((scenario.runs, 1, 6))
         drawn = Sampler(s.states()).draw_p_d(normals, radar[:, of_radar(i)])[:, 0]
         miss = miss * (1 - drawn)
-    assert_allclose(joint / apart, factor, rtol=0.02)
-    assert_allclose(mc.std**2 / miss.var(), factor, rtol=0.1)
+    assert_allclose(joint / apart, 2.66, rtol=0.02)
+    assert_allclose(mc.std**2 / miss.var(), 2.66, rtol=0.1)
     assert_allclose(mc.std**2, joint, rtol=0.1)
 
 
