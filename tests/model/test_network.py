@@ -335,13 +335,6 @@ def test_draws_depend_on_a_range_limit_and_methods_warn_of_it(limit, sign):
     )
 
 
-def test_radars_of_a_band_have_one_rcs():
-    two = paper_network([(0, 0, 0)] * 2, [1, 1])
-    other = Radar(DetectionModel(ConstantRCS(1.0), 1e-4), "b")
-    with pytest.raises(ValueError, match="RCS"):
-        with_arrays(two, model=NetworkModel((Radar(RADAR_MODEL, "a"), other)))
-
-
 def test_refused_networks():
     first = Radar(RADAR_MODEL, "a")
     with pytest.raises(ValueError, match="one radar or more"):
@@ -351,6 +344,9 @@ def test_refused_networks():
     with pytest.raises(ValueError, match="'a' is there twice"):
         NetworkModel((first, first))
     two = paper_network([(0, 0, 0)] * 2, [1, 1])
+    other = Radar(DetectionModel(ConstantRCS(1.0), 1e-4), "b")
+    with pytest.raises(ValueError, match="RCS"):  # radars of a band have one
+        with_arrays(two, model=NetworkModel((first, other)))
     for names in (("a", "a_position"), ("a_constant", "a"), ("total", "b"), ("b", "aircraft")):
         network = NetworkModel(tuple(dataclasses.replace(first, name=name) for name in names))
         with pytest.raises(ValueError, match="would mean two things"):

@@ -156,13 +156,16 @@ def test_too_few_runs_show_no_rate():
 
 
 def test_without_uncertainty_all_errors_are_nan():
+    """The figure then has no logarithmic errors, which cannot show 0."""
     result = convergence(scenario(**NOTHING), runs=64)
     assert all(np.isnan(v).all() for name, v in result.table.items() if name != "runs")
-    (warning,) = result.warnings
-    assert (
-        warning
-        == "sigma of P_D, the unit of the errors, is zero in the draws at all 13 poses [sigma-zero]"
-    )
+    text = "sigma of P_D, the unit of the errors, is zero in the draws at all 13 poses [sigma-zero]"
+    assert result.warnings == (text,)
+    figure = lay_out(result.plot())
+    legend_off_data(figure)
+    assert [(axes.get_xscale(), axes.get_yscale()) for axes in figure.axes] == [
+        ("log", "linear")
+    ] * 3
 
 
 def test_a_pose_whose_sigma_few_draws_know_is_no_unit():
@@ -185,14 +188,6 @@ def test_a_pose_whose_sigma_few_draws_know_is_no_unit():
     assert "no better than 10% at 100.4 km; the errors are of the other poses" in warned
     errors = result.table["error_std_random"]
     assert errors[-1] < 0.2
-
-
-def test_layout_without_errors():
-    """`tests/analyses/test_figures.py` has the other layouts."""
-    figure = lay_out(convergence(scenario(**NOTHING), runs=16).plot())
-    assert len(figure.axes) == 3
-    legend_off_data(figure)
-    assert {(axes.get_xscale(), axes.get_yscale()) for axes in figure.axes} == {("log", "linear")}
 
 
 def test_lines_of_the_figure(small):
