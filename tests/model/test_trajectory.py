@@ -93,6 +93,26 @@ def test_turns_converge_with_the_square_of_the_step(right, climb, times):
         assert np.all((order > 1.7) | exact), (errors, order)
 
 
+def test_motion_is_exact_for_a_cubic_and_between_what_is_measured_of_noise():
+    """The acceleration of a cubic is found exactly, and the velocity of a parabola."""
+    rng = np.random.default_rng(9)
+    time = np.cumsum(rng.uniform(0.1, 3.0, 200))
+    some = time[:30]
+    of_cubic, of_parabola = (
+        motion_of_samples(some, np.outer(east, [0, 1, 0]))
+        for east in (0.02 * some**3 - some**2, some**2)
+    )
+    np.testing.assert_allclose(of_cubic[1][:, 1], 0.12 * some - 2, atol=1e-10)
+    np.testing.assert_allclose(of_parabola[0][:, 1], 2 * some, atol=1e-10)
+    position = rng.standard_normal((200, 3))
+    slope = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+    measured = 2 * np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, np.newaxis]
+    # Row i + 2 has second differences centred near it, before it and after it.
+    around = np.stack([measured[:-2], measured[1:-1], measured[2:]])
+    inner = motion_of_samples(time, position)[1][2:-2]
+    assert np.all((inner >= around.min(axis=0)) & (inner <= around.max(axis=0)))
+
+
 def test_a_hovering_aircraft_keeps_the_last_course_and_is_level():
     north = np.array([0.0, 0, 0, 0, 50, 100, 100, 100, 100, 100])
     up = np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 10, 20])
