@@ -522,7 +522,7 @@ def test_errors_that_take_p_d_away_from_a_limit_are_not_to_shrink(floor, yaw, re
     """At the top of a lobe errors of yaw lower P_D, at the bottom they raise P_D."""
     s, tail = at_a_lobe(floor, yaw), requirement.tail
     limit, k, at_least = requirement.limit, requirement.k, requirement.at_least
-    normals = np.random.default_rng(3).standard_normal((200_000, 10))
+    normals = np.random.default_rng(3).standard_normal((100_000, 10))
 
     def beyond(factor):
         """P(P_D beyond the limit) by plain draws, with a factor on σ of the attitude."""

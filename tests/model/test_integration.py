@@ -1,4 +1,4 @@
-"""N pulses, CFAR and m of n pulses: against mpmath, draws of pulses, and print."""
+"""N pulses, CFAR and m of n pulses: against mpmath and draws of pulses."""
 
 import math
 from functools import partial

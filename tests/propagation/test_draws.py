@@ -221,7 +221,7 @@ def test_sigma_has_no_step_where_draws_begin_to_replace_form():
     """At 90 deg FORM is 3 % too high, and confirmed; at 88 deg it is not: no false peak."""
     s = rs.load_scenario(CONFIGS / "gap_fillers.yaml").at_poses(slice(38, 48))
     assert s.axis.values.tolist() == list(range(76, 96, 2))
-    truth = estimate(s.states(), 2**16, BETA).moments[0][1]
+    truth = estimate(s.states(), 2**15, BETA).moments[0][1]
     form, found = Form(s.states()).moments[1], Automatic(s.states()).moments[1]
     assert abs(form / truth - 1).max() > 0.03
     assert_allclose(found, truth, rtol=0.025)

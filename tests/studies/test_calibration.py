@@ -40,7 +40,7 @@ def test_a_band_that_is_too_narrow_shows():
 def test_the_band_of_automatic_covers_what_it_says(population, k):
     """Where each bound is moved by what it may be off, it covers more than it says, or less.
 
-    `test_propagation` has k = 3.
+    `tests/propagation/test_draws.py` has k = 3.
     """
     case = problem(population, 7, 1)
     oracle = Oracle(case)
