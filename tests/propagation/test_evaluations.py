@@ -76,6 +76,19 @@ def test_evaluations_of_a_method(radars, count):
         assert of_bound <= (most if most == 1 else EXPANSION + ONE_EXTREME)
 
 
+@pytest.mark.parametrize("method", ["form", "montecarlo", "automatic"])
+def test_states_without_errors_have_p_d_without_rounding(method):
+    """As those of a source at a pose where its radar is out of sight."""
+    certain = problem(2).states().with_covariances(np.zeros((6, 6)), np.zeros((14, 14)), ((), ()))
+    found, nominal = METHODS[method](certain), problem(2).p_d()
+    for number in (found.quantile(3.0), found.quantile(-3.0), found.mean):
+        assert number == pytest.approx(nominal, abs=1e-15)
+    assert not found.std.any()
+    drawn = estimate(certain, FIRST, 3.0, 0.5)
+    assert not drawn.errors.any()
+    assert drawn.above[0].tolist() == (nominal > 0.5).tolist()
+
+
 def test_draws_of_one_radar_with_errors(count):
     """They take one value of the other radars."""
     s = problem(6)
