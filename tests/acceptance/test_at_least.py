@@ -86,6 +86,17 @@ def test_the_farthest_point_between_two_poses_is_out_of_range():
     assert (test["verdict"], test["p_d_itself_below"]) == ("violated", True)
 
 
+def test_a_row_of_the_file_between_the_poses(tmp_path):
+    """One row is out of range, and the poses are 60 s apart."""
+    east = {0: 79500, 94: 79500, 95: 80300, 96: 79500, 240: 79500}
+    rows = "".join(f"{time},{time},{east},0\n" for time, east in east.items())
+    one = radar(1000, max_range_km=80)
+    s = flight(tmp_path, rows, [one], SPHERE, SURE)
+    changed = s.with_keys({"geometry.interpolate": "{step_s: 60}"})
+    assert len(changed.axis) == 5
+    assert analyses.variance(changed, at_least=0.5).summary["threshold"]["p_d_itself_below"]
+
+
 def test_rounding_of_weights_is_no_probability():
     """All draws are above the limit, and their weights add up to 1 but for rounding."""
     s = scenario(geometry__azimuth_deg={"start": 60, "stop": 60, "step": 1})

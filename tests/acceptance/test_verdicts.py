@@ -30,7 +30,13 @@ from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide, path_test
 from radar_sense.analyses.required import in_words
 from radar_sense.montecarlo.exceedance import exceedance
-from radar_sense.propagation import METHODS, band_of_scenario, distribution, propagate_scenario
+from radar_sense.propagation import (
+    METHODS,
+    Band,
+    band_of_scenario,
+    distribution,
+    propagate_scenario,
+)
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.staged import LAST
 
@@ -273,6 +279,22 @@ def test_an_orbit_is_tested_between_its_azimuths(sweep, azimuth_from):
             dense.axis.values, own.scenario.axis.values[order], getattr(own.band, name)[order]
         )
         assert np.abs(linear - getattr(added.band, name)).max() < 0.001
+
+
+def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
+    """P_D is noise here, and every step between two poses is bent."""
+    monkeypatch.setattr(refinement, "MAX_POSES", 40)
+    rows = "".join(f"{10 * k},400000,{1000 * k},-9000\n" for k in range(5))
+    s = past(tmp_path, "time_s,north_m,east_m,down_m\n" + rows, aircraft__rcs=CONSTANT)
+    rng = np.random.default_rng(0)
+
+    def noise(s):
+        p_d = rng.random(len(s.axis))
+        return Band(p_d=p_d, lower=p_d, upper=p_d, error=np.zeros(len(p_d)))
+
+    found = refinement.refined(s, noise(s), noise, 0.001, Requirement(0.0))
+    assert not found.resolved
+    assert found.added < 40
 
 
 def true_upper(theta_deg):
