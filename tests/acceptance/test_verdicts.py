@@ -23,11 +23,12 @@ from scipy.special import ndtr
 from scipy.stats import norm
 
 import radar_sense as rs
-from radar_sense import analyses
+from radar_sense import analyses, axis
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.accuracy import required_accuracies
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide, path_test
+from radar_sense.analyses import verdict as words_of_verdict
 from radar_sense.analyses.required import in_words
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import (
@@ -586,6 +587,19 @@ def test_a_bound_is_on_the_side_of_its_verdict(pose, p_max, verdict):
     assert found.verdict == verdict
     assert (found.margin >= 0) == (verdict == "holds")
     assert found.by_draws
+
+
+def test_a_span_ends_where_the_margin_is_zero_and_at_a_jump():
+    values = np.array([0.0, 100, 200, 200.0001, 300, 400])
+    margin = np.array([1.0, -3, -1, 1, 1, -1])
+    mask = np.array([False, True, True, False, False, False])
+    assert words_of_verdict._beyond(mask, margin, axis.time(values)) == "at 24.9 to 200 s"
+    assert (
+        words_of_verdict._beyond(margin < 0, margin, axis.time(values))
+        == "at 24.9 to 200, 349.9 to 400 s"
+    )
+    down = axis.ground_range(values[::-1])
+    assert words_of_verdict._beyond(mask[::-1], margin[::-1], down) == "at 200.0001 to 24.9 km"
 
 
 def test_p_d_itself_is_that_of_the_whole_path():
