@@ -127,6 +127,8 @@ def test_columns_and_sizes(small):
     np.testing.assert_array_equal(nine, 2 ** np.arange(2, 11))
     assert np.all([np.isfinite(column).all() for column in small.table.values()])
     assert small.warnings == ()
+    assert small.report[0].startswith("RMS error with 64 runs (medium)")
+    assert [line.split()[0] for line in small.report[2:4]] == ["random", "sobol"]
     last = small.summary["at_largest_runs"]["mean"]
     assert last["random"]["random_runs_for_the_same"] == pytest.approx(64)
     ratio = last["random"]["error"] / last["sobol"]["error"]
