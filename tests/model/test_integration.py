@@ -1,4 +1,4 @@
-"""N pulses, CFAR and m of n pulses: against mpmath and draws of pulses."""
+"""N pulses, CFAR and m of n pulses: against mpmath, draws of pulses, and print."""
 
 import math
 from functools import partial
@@ -319,6 +319,57 @@ def test_any_shape_and_any_size(detector):
     assert_array_equal(detector.linearize_probit(beyond, 1e-6), exact(detector, beyond, 1e-6))
     below, above = (detector.linearize_probit(HIGHEST * f, 1e-6) for f in (1 - 1e-9, 1 + 1e-9))
     assert_allclose(below, above, rtol=2e-8)
+
+
+def test_the_slope_of_p_d_per_decibel_grows_with_integration():
+    """One pulse with the gain of integration in c_r has a σ that is 2.7 to 4.3 times too small."""
+    slopes = []
+    for number, expected in ((1, 0.076), (10, 0.202), (100, 0.327)):
+        detector = Swerling2(pulses=number)
+        snr = required_snr(detector, 1e-6, 0.5)
+        p_d, by_snr = linearize(detector, np.asarray(snr), 1e-6)
+        assert p_d == pytest.approx(0.5, abs=1e-12)
+        slopes.append(float(by_snr) * snr * math.log(10) / 10)
+        assert slopes[-1] == pytest.approx(expected, abs=5e-4)
+    assert slopes[1] / slopes[0] == pytest.approx(2.7, abs=0.05)
+    assert slopes[2] / slopes[0] == pytest.approx(4.3, abs=0.05)
+
+
+def albersheim(p_d, p_fa, number):
+    """W. J. Albersheim (Proc. IEEE 69, 1981) [dB]: steady target, P_fa 1e-7 to 1e-3."""
+    a, b = math.log(0.62 / p_fa), math.log(p_d / (1 - p_d))
+    return -5 * math.log10(number) + (6.2 + 4.54 / math.sqrt(number + 0.44)) * math.log10(
+        a + 0.12 * a * b + 1.7 * b
+    )
+
+
+def shnidman(p_d, p_fa, number, shape):
+    """D. A. Shnidman (IEEE Trans. AES-38(3), 2002) [dB]: P_fa 1e-9 to 1e-3, to 100 pulses."""
+    alpha = 0.0 if number < 40 else 0.25
+    eta = math.sqrt(-0.8 * math.log(4 * p_fa * (1 - p_fa))) + math.copysign(
+        math.sqrt(-0.8 * math.log(4 * p_d * (1 - p_d))), p_d - 0.5
+    )
+    steady = eta * (eta + 2 * math.sqrt(number / 2 + alpha - 0.25))
+    decibels = (((17.7006 * p_d - 18.4496) * p_d + 14.5339) * p_d - 3.525) / shape
+    if p_d > 0.872:
+        decibels += (
+            math.exp(27.31 * p_d - 25.14)
+            + (p_d - 0.8) * (0.7 * math.log(1e-5 / p_fa) + (2 * number - 20) / 80)
+        ) / shape
+    return 10 * math.log10(10 ** (decibels / 10) * steady / number)
+
+
+def test_albersheim_and_shnidman_within_their_stated_errors():
+    """As docs/questions/scenario.md says; a linear detector is worth up to 0.1 dB."""
+    for number, p_fa in ((1, 1e-7), (10, 1e-3), (100, 1e-7)):
+        for cls in SHAPES:
+            detector = cls(pulses=number)
+            for p_d, of_albersheim in ((0.5, 0.2), (0.9, 0.3)):
+                needed = 10 * math.log10(required_snr(detector, p_fa, p_d))
+                expected = shnidman(p_d, p_fa, number, detector.shape)
+                assert needed == pytest.approx(expected, abs=0.5), (detector, p_fa)
+                if cls is Marcum:
+                    assert needed == pytest.approx(albersheim(p_d, p_fa, number), abs=of_albersheim)
 
 
 def test_required_snr():

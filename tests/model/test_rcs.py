@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from helpers import scenario
 from mpmath import mp, mpf
 
 import radar_sense as rs
@@ -83,11 +84,41 @@ def test_the_papers_ellipsoid_is_exact_at_elevation_zero_and_abeam():
         )
 
 
+@pytest.mark.parametrize(
+    ("azimuth", "decibels", "elevation"),
+    [(0, 0.1, 7.83), (0, 1.0, 24.83), (0, 3.0, 43.48), (45, 0.1, 9.63), (45, 1.0, 30.69)],
+)
+def test_where_the_papers_ellipsoid_is_off(azimuth, decibels, elevation):
+    """The elevations that the documentation names, rounded to 0.01 deg."""
+    for sign in (1, -1):
+        around = sign * (elevation + np.array([-0.01, 0.01]))
+        directed = directions(np.array(float(azimuth)), around)
+        ratio = 10 * np.log10(EXACT.cross_section(directed) / PAPER.cross_section(directed))
+        assert ratio[0] < decibels < ratio[1]
+
+
 def test_the_papers_ellipsoid_jumps_straight_below_and_the_exact_one_does_not():
     nearly = np.array([[1e-9, 0, 1], [0, 1e-9, 1]])
     off = 10 * np.log10(PAPER.cross_section(nearly))
     assert off[1] - off[0] == pytest.approx(40 * np.log10(C / B), abs=1e-9)  # 8.33 dB
     np.testing.assert_allclose(EXACT.cross_section(nearly), np.pi * (C * A / B) ** 2, rtol=1e-14)
+
+
+def test_p_d_by_the_papers_ellipsoid_is_off_in_a_bank():
+    """P_D is off by less than 3e-5 in level flight, and by 0.1 at a bank of 30 deg."""
+    exact = {"model": "ellipsoid_exact", "x_m": C, "y_m": A, "z_m": B}
+    worst = {}
+    for roll in (0, 10, 30):
+        flown = {
+            "aircraft__attitude_deg": [roll, 0, 90],
+            "geometry__azimuth_deg": {"start": 0, "stop": 360, "step": 0.5},
+        }
+        one, other = scenario(**flown), scenario(**flown, aircraft__rcs=exact)
+        found = [s.model.p_d(s.aircraft, s.radar) for s in (one, other)]
+        worst[roll] = np.max(abs(found[1] - found[0]))
+    assert worst[0] < 3e-5
+    assert worst[10] == pytest.approx(0.0113, abs=5e-5)
+    assert worst[30] == pytest.approx(0.100, abs=5e-4)
 
 
 def test_the_largest_value_of_a_flat_ellipsoid_is_beside_the_pole():

@@ -9,6 +9,7 @@ from helpers import (
     paper_network,
     refusal,
     scenario,
+    scenario_of,
     sheet_document,
     single,
     slopes,
@@ -20,6 +21,7 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 import radar_sense as rs
+from radar_sense.model.detectors import required_snr
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS
@@ -91,6 +93,29 @@ def test_partials_are_those_of_differences(name):
     # a spline's third derivative jumps at nodes
     assert np.all(np.quantile(off, 0.9, axis=0) <= 1e-6 * scale)
     assert np.all(off <= 1e-3 * scale)
+
+
+@pytest.mark.parametrize(("detector", "sigma"), [(rs.Marcum, 0.2348), (rs.Swerling1, 0.0758)])
+def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
+    model = rs.DetectionModel(ConstantRCS(1.0), 1e-6, detector())
+    aircraft = np.array([[1e5, 0, 0, 0, 0, 0]])
+    low = required_snr(model.detector, 1e-6, 0.5) / model.snr(aircraft, [0, 0, 0, 1.0])[0]
+    nothing = np.zeros((6, 6)), {"one": np.zeros((4, 4))}
+    s = scenario_of(model, [0, 0, 0, low], aircraft, *nothing, rcs_db=1.0)
+    moments = propagate_scenario(s, method="linear")
+    assert moments.p_d[0] == pytest.approx(0.5, abs=1e-9)
+    assert moments.std[0] == pytest.approx(sigma, abs=5e-5)
+    # only the factor is uncertain: bounds by form are P_D at ±3 dB
+    ends = propagate_scenario(s, method="form")
+    for value, decibels in ((ends.lower, -3.0), (ends.upper, 3.0)):
+        at = model.p_d(aircraft, np.array([0, 0, 0, low * 10 ** (decibels / 10)]))
+        assert_allclose(value, at, atol=3e-5)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(60)
+    p_d = model.p_d(aircraft, np.array([[0, 0, 0, low * 10 ** (u / 10)] for u in nodes]))
+    mean = np.sum(weights * p_d) / np.sum(weights)
+    std = np.sqrt(np.sum(weights * (p_d - mean) ** 2) / np.sum(weights))
+    assert ends.mean[0] == pytest.approx(mean, abs=5e-5)
+    assert ends.std[0] == pytest.approx(std, rel=1e-3)
 
 
 @pytest.mark.parametrize("method", ["linear", "probit", "form"])  # others draw the two apart

@@ -131,6 +131,18 @@ def test_aircraft_is_drawn_at_every_pose():
     assert np.max(abs(correlation)) < 5 / np.sqrt(500)
 
 
+@pytest.mark.parametrize(
+    ("level", "coverage"), [("medium", 0.989), ("high", 0.972)]
+)  # as measured in PAPER_NOTES
+def test_the_linearized_band_is_not_consistent_at_90_degrees(level, coverage):
+    s = scenario(geometry__azimuth_deg={"start": 90, "stop": 90, "step": 1})
+    mc = monte_carlo(s, runs=50000, seed=7, level=level)
+    low, high = mc.coverage_interval(0.9999)
+    assert low[0] - 0.0005 < coverage < high[0] + 0.0005  # it was published to three digits
+    assert high[0] < 1 - 2 * TAIL - 0.005
+    assert low[0] < mc.coverage[0] < high[0]
+
+
 def test_draws_where_the_sight_of_the_radars_changes_are_those_of_the_whole_network():
     """Each radar is out of reach, at its limit, or surely seen, in any order of the poses."""
     flight = np.zeros((400, 6))
@@ -193,6 +205,15 @@ def test_neither_workers_nor_more_runs_change_a_bit(sampler):
     assert_same(one, elsewhere)
     few = monte_carlo(s, runs=40, sampler=sampler)
     np.testing.assert_array_equal(one.sample_paths[:40], few.sample_paths)
+
+
+@pytest.mark.parametrize("chunk", [7, 1000])
+def test_chunks_do_not_change_a_bit(monkeypatch, chunk):
+    s = load_scenario("configs/covariance.yaml")
+    before = monte_carlo(s, runs=12)
+    for name in ("states", "model.detection_model"):
+        monkeypatch.setattr(f"radar_sense.{name}.BLOCK", chunk)
+    assert_same(before, monte_carlo(s, runs=12))
 
 
 def test_seed_makes_the_draws_and_zero_is_a_seed():

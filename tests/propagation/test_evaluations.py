@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers import scenario, with_arrays
 
+import radar_sense as rs
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide
 from radar_sense.model.antenna import ElevationGain
@@ -16,7 +17,7 @@ from radar_sense.model.radar import Level, Radar
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.propagation import METHODS, band_of_scenario, distribution, propagate_scenario
 from radar_sense.propagation.draws import estimate
-from radar_sense.propagation.staged import FIRST, LAST, PRECISE, StagedDraws
+from radar_sense.propagation.staged import FIRST, GROWTH, LAST, PRECISE, StagedDraws
 
 #: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
 EXPANSION = 2 * (3 + 4) + 1
@@ -179,3 +180,15 @@ def test_a_distribution_for_other_covariances(method):
     for value in (lambda d: d.std, lambda d: d.mean, lambda d: d.quantile(-3.0)):
         np.testing.assert_allclose(value(changed), value(fresh), rtol=rtol)
     assert np.all(changed.std > first.std)
+
+
+def test_a_second_question_gets_the_draws_that_it_would_alone():
+    """Each question wants other numbers of draws at the poses."""
+    states = rs.load_scenario().at_poses(slice(0, None, 100)).states()
+    staged, wanted = StagedDraws.of_p_d(states, 3.0), FIRST * GROWTH ** np.arange(4)
+    for last in (np.resize(wanted, len(states)), np.resize(wanted[::-1], len(states))):
+        drawn = staged.until(lambda rows, found, last=last: found.draws >= last[rows], LAST)
+        np.testing.assert_array_equal(drawn.draws, last)
+        for pose, draws in enumerate(last):
+            alone = estimate(states.at(np.array([pose])), int(draws), 3.0)
+            assert np.array_equal(alone.bounds[0][:, 0], drawn.bounds[0][:, pose])
