@@ -184,10 +184,6 @@ class Cli(click.Group):
         except (click.Abort, KeyboardInterrupt):
             _complain(f"Interrupted; {run.written}.")
             code = 130
-        except BrokenPipeError:
-            # The output is closed. The null device avoids a second error when Python flushes.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = 1
         except OSError as error:
             _complain(f"Error: {error}; {run.written}")
             code = 1

@@ -36,7 +36,6 @@ BLOCKS = {
 }
 
 PAPER = DetectionModel(rcs=EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
-PAPER_RADAR = np.array([0.0, 0.0, 0.0, 167.0])
 
 
 def random_poses(rng, count):
