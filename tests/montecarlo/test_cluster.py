@@ -21,7 +21,7 @@ def address():
     from distributed import LocalCluster
 
     with LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None, silence_logs=50
+        n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0", silence_logs=50
     ) as local:
         yield local.scheduler_address
 
@@ -56,13 +56,12 @@ def test_other_errors_stay_themselves(address):
         executor.submit(divmod, 1, 0).result()
 
 
-@pytest.mark.filterwarnings("ignore")  # of Dask's, about a port
 def test_a_cluster_without_workers_is_refused():
     from distributed import LocalCluster
 
     says = r"^--dask tcp://[\d.:]+: the cluster has no workers$"
     with (
-        LocalCluster(n_workers=0, dashboard_address=None, silence_logs=50) as local,
+        LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as local,
         pytest.raises(InputError, match=says),
         cluster(local.scheduler_address),
     ):
