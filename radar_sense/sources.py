@@ -10,7 +10,7 @@ import dataclasses
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from radar_sense.cost import EMPHASIS, FIRST_ORDER, OTHER, foresee
 from radar_sense.errors import InputError
 from radar_sense.model.radar import NEVER
 from radar_sense.model.radar_constant import ErrorKey
+from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, STD_CHANGE, distribution
@@ -424,7 +425,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         sqrt_cov[..., block, block] = covariance.square_root(
             scenario.cov_aircraft[..., block, block]
         )
-    roots = np.broadcast_to(sqrt_cov, (len(scenario.aircraft), *sqrt_cov.shape[-2:]))
+    roots = np.broadcast_to(sqrt_cov, (len(states), *sqrt_cov.shape[-2:]))
     first, tolerances = len(AIRCRAFT), len(AIRCRAFT) + len(states.columns)
     numbers = {
         t.error_key(i): tolerances + number
@@ -438,12 +439,19 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
             inputs = (first + np.flatnonzero(np.isin(states.columns, inputs))).tolist()
         groups[name] = inputs + sorted(numbers[error] for error in source.errors)
 
-    def p_d(normals: FloatArray, poses: slice) -> FloatArray:
-        own, radar = normals[:, :first], states.radars_at(normals[:, first:])
-        at_poses = zip(scenario.aircraft[poses], roots[poses], strict=True)
-        aircraft = (covariance.draws(pose, root, own) for pose, root in at_poses)
-        return np.stack([scenario.model.p_d(drawn, radar) for drawn in aircraft])
+    @cache
+    def sampler(start: int, stop: int) -> Sampler:
+        return Sampler(states.at(slice(start, stop)), roots[start:stop])
 
+    def p_d(normals: FloatArray, poses: slice) -> FloatArray:
+        shape = len(normals), poses.stop - poses.start, first
+        of_aircraft = np.broadcast_to(normals[:, np.newaxis, :first], shape)
+        radar = states.radars_at(normals[:, first:])
+        return sampler(poses.start, poses.stop).draw_p_d(of_aircraft, radar).T
+
+    evaluations = 2.0 * (len(groups) + 1) * scenario.runs * len(states) * len(scenario.radars)
+    what = f"Sobol' indices of {scenario.runs:,} runs at {len(states):,} poses"
+    foresee(what, evaluations, less="fewer --runs")
     indices = sobol_indices(
         p_d,
         list(groups.values()),

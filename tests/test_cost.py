@@ -7,7 +7,7 @@ import pytest
 from helpers import scenario
 
 import radar_sense as rs
-from radar_sense import cost
+from radar_sense import cost, sources
 from radar_sense.coverage import grid
 from radar_sense.montecarlo import montecarlo
 from radar_sense.propagation import draws as judging
@@ -61,6 +61,10 @@ def test_draws_are_announced_before_the_first(caplog, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         rs.monte_carlo(scenario(), runs=10_000_000)
     assert "10,000,000 runs of 361 poses and 1 radar take some 6 minutes" in caplog.text
+    monkeypatch.setattr(sources, "sobol_indices", stop)
+    with pytest.raises(KeyboardInterrupt):
+        sources.error_budget(scenario().with_analysis(runs=1_000_000), "montecarlo")
+    assert "Sobol' indices of 1,000,000 runs at 361 poses take some 6 minutes" in caplog.text
 
 
 LOBES = {"aircraft.rcs": "{model: spikeball, lobes: 400, amplitude_m2: 0.18, floor_m2: 0.1}"}
