@@ -447,7 +447,8 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         shape = len(normals), poses.stop - poses.start, first
         of_aircraft = np.broadcast_to(normals[:, np.newaxis, :first], shape)
         radar = states.radars_at(normals[:, first:])
-        return sampler(poses.start, poses.stop).draw_p_d(of_aircraft, radar).T
+        drawn = sampler(poses.start, poses.stop).draw_p_d(of_aircraft, radar)
+        return np.ascontiguousarray(drawn.T)  # pairwise sums, without rounding of equal values
 
     evaluations = 2.0 * (len(groups) + 1) * scenario.runs * len(states) * len(scenario.radars)
     what = f"Sobol' indices of {scenario.runs:,} runs at {len(states):,} poses"
