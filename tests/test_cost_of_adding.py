@@ -242,8 +242,9 @@ LINES = (
     *(
         (*words.split(), "doubled.yaml", "--method", "doubled")
         for words in (
-            *(f"{name} --no-plot" for name in ("variance", "sensitivity", "budget", "map --upper")),
+            *(f"{name} --no-plot" for name in ("variance", "sensitivity", "budget")),
             *("validate --digits 1 --no-plot", "range --step-deg 90 --no-plot", "report"),
+            "map --upper --step-km 50 --no-plot",
         )
     ),
     *RADOMES,

@@ -55,8 +55,10 @@ def sobol_indices(
 
     The sample is a scrambled Sobol' sequence. The estimators are those of I. Azzini, T. A. Mara and
     R. Rosati (Environ. Model. Softw. 144, 2021), with a group in place of one input. Their errors
-    are small where an index is small, and a first-order index is at most the total one. The outputs
-    are computed in blocks to limit the memory.
+    are small where an index is small, and a first-order index is at most the total one. The indices
+    of a group are also 1 less those of all other inputs, which the same outputs have: of the group
+    and the others, those with the smaller total index are used. The outputs are computed in blocks
+    to limit the memory.
 
     Args:
         function: Returns some outputs (k, m) at inputs (m, d). The slice selects the outputs.
@@ -91,17 +93,22 @@ def sobol_indices(
         blocks = [_indices(function, groups, normals, part) for part in slices(outputs, block)]
         replicates.append([np.concatenate(parts, axis=-1) for parts in zip(*blocks, strict=True)])
     of_replicates = [np.stack(values) for values in zip(*replicates, strict=True)]
-    mean, variance, first, total = _joined(*of_replicates)
+    mean, variance, indices = _joined(*of_replicates)
     without_one = [
         _joined(*(np.delete(values, i, axis=0) for values in of_replicates))
         for i in range(REPLICATES)
     ]
     # The jackknife (B. Efron and C. Stein, Ann. Statist. 9(3), 1981): few samples make a ratio
     # skewed, and its error to first order would be too small.
-    _, variance_error, first_error, total_error = (
+    _, variance_error, errors = (
         np.sqrt((REPLICATES - 1) * np.var(values, axis=0))
         for values in zip(*without_one, strict=True)
     )
+    (first, total), (first_of_rest, total_of_rest) = indices
+    minor = total <= total_of_rest
+    first = np.where(minor, first, 1.0 - total_of_rest)
+    total = np.where(minor, total, 1.0 - first_of_rest)
+    first_error, total_error = np.where(minor, errors[0], errors[1, ::-1])
     for values in (first, total, first_error, total_error):
         values[:, variance == 0] = np.nan
     return SobolIndices(
@@ -116,9 +123,9 @@ def sobol_indices(
 
 
 def _joined(
-    means: FloatArray, variances: FloatArray, firsts: FloatArray, totals: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return mean, variance (s,), first-order and total indices (g, s) of replicates (r, ...).
+    means: FloatArray, variances: FloatArray, parts: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean, variance (s,), and indices (2, 2, g, s), as `_indices`, of replicates (r, ...).
 
     Indices are 0 where nothing varies. Each index is a ratio of means, because the mean of ratios
     of few samples would be biased.
@@ -126,8 +133,7 @@ def _joined(
     variance = variances.mean(axis=0)
     variance = np.where(variance == 0, 0.0, variance + means.var(axis=0))
     divisor = np.where(variance == 0, np.inf, variance)
-    first, total = (parts.mean(axis=0) / divisor for parts in (firsts, totals))
-    return means.mean(axis=0), variance, first, total
+    return means.mean(axis=0), variance, parts.mean(axis=0) / divisor
 
 
 def _indices(
@@ -135,20 +141,22 @@ def _indices(
     groups: Sequence[Sequence[int]],
     normals: FloatArray,
     outputs: slice,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return mean and variance (k,) of some outputs, and parts of the variance by group (g, k).
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean and variance (k,) of some outputs, and parts of the variance (2, 2, g, k).
 
-    The parts are the first-order and the total index, each times the variance.
+    The parts are the first-order and the total index, each times the variance, of each group, and
+    of all inputs that are not of the group.
     """
     a, b = np.hsplit(normals, 2)
     at_a, at_b = function(a, outputs), function(b, outputs)
     both = np.concatenate([at_a, at_b], axis=1)
-    mean = both.mean(axis=1)
-    first, total = np.empty((2, len(groups), len(mean)))
+    parts = np.empty((2, 2, len(groups), len(both)))
     for i, group in enumerate(groups):
         near_a, near_b = a.copy(), b.copy()
         near_a[:, list(group)], near_b[:, list(group)] = b[:, list(group)], a[:, list(group)]
-        change, back = function(near_a, outputs) - at_a, at_b - function(near_b, outputs)
-        first[i] = np.mean(change * back, axis=1) / 2.0
-        total[i] = np.mean(change**2 + back**2, axis=1) / 4.0
-    return mean, both.var(axis=1), first, total
+        ends = function(near_a, outputs), function(near_b, outputs)
+        for of, (one, other) in zip(parts, (ends, ends[::-1]), strict=True):
+            change, back = one - at_a, at_b - other
+            of[0, i] = np.mean(change * back, axis=1) / 2.0
+            of[1, i] = np.mean(change**2 + back**2, axis=1) / 4.0
+    return both.mean(axis=1), both.var(axis=1), parts

@@ -46,15 +46,21 @@ def test_indices_known_in_closed_form(samples):
     np.testing.assert_allclose(found.variance, [17.25, 1, 0, 2], rtol=10 / np.sqrt(samples))
 
 
-def test_a_small_index_is_known_as_well_as_a_large_one():
-    """The second input has a millionth of the variance; the third nothing but an interaction."""
+def test_small_and_large_indices_are_known_well():
+    """The first input has nearly all the variance, the second a millionth of it, and the third
+    nothing but an interaction with the first.
+    """
     f = lambda u, _: (u[:, 0] + 1e-3 * u[:, 1] + 0.1 * u[:, 0] * u[:, 2])[np.newaxis]  # noqa: E731
     found = sobol_indices(f, [[0], [1], [2]], outputs=1, samples=1024, seed=1)
     variance = 1 + 1e-6 + 0.01
-    np.testing.assert_allclose(found.first[:2, 0], np.array([1, 1e-6]) / variance, rtol=0.1)
-    np.testing.assert_allclose(found.total[1:, 0], np.array([1e-6, 0.01]) / variance, rtol=0.1)
-    assert np.all(abs(found.first) <= found.total)
-    assert found.first_error[1, 0] < 0.1 * found.first[1, 0]
+    first, total, error = found.first[:, 0], found.total[:, 0], found.first_error[:, 0]
+    np.testing.assert_allclose(first[1], 1e-6 / variance, rtol=0.1)
+    np.testing.assert_allclose(total[1:], np.array([1e-6, 0.01]) / variance, rtol=0.1)
+    np.testing.assert_allclose(first[0], 1 / variance, rtol=2e-3)
+    np.testing.assert_allclose(total[0], 1.01 / variance, rtol=1e-3)
+    assert np.all(abs(first) <= total)
+    assert error[1] < 1e-7
+    assert error[0] < 1e-3
 
 
 def test_standard_errors_are_the_spread_over_seeds():
