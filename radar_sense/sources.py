@@ -22,7 +22,7 @@ from radar_sense.errors import InputError
 from radar_sense.model.radar import NEVER
 from radar_sense.model.radar_constant import ErrorKey
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.montecarlo.sobol import sobol_indices
+from radar_sense.montecarlo.sobol import jackknife_error, sobol_indices
 from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, STD_CHANGE, distribution
 from radar_sense.propagation.automatic import ERRORS
@@ -470,8 +470,8 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
             "total_index": indices.total[i],
             "total_index_error": indices.total_error[i],
         }
-    of_sources = np.sum(indices.first_error[: len(shown)] ** 2, axis=0)
-    fields["interaction"] = {"share_error": np.sqrt(of_sources)}
+    of_sources = np.sum(indices.first_without_one[:, : len(shown)], axis=1)
+    fields["interaction"] = {"share_error": jackknife_error(of_sources)}
     # dσ = dσ²/(2σ)
     of_variance = indices.variance_error
     error = np.divide(of_variance, 2.0 * std, out=np.zeros_like(std), where=std > 0)

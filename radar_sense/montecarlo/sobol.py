@@ -32,6 +32,8 @@ class SobolIndices:
         first_error: Standard errors of the first-order indices (g, s).
         total_error: Standard errors of the total indices (g, s).
         variance_error: Standard errors of the variance (s,).
+        first_without_one: First-order indices without one of r replicates (r, g, s), see
+            `jackknife_error`.
     """
 
     mean: FloatArray
@@ -41,6 +43,7 @@ class SobolIndices:
     first_error: FloatArray
     total_error: FloatArray
     variance_error: FloatArray
+    first_without_one: FloatArray
 
 
 def sobol_indices(
@@ -93,33 +96,38 @@ def sobol_indices(
         blocks = [_indices(function, groups, normals, part) for part in slices(outputs, block)]
         replicates.append([np.concatenate(parts, axis=-1) for parts in zip(*blocks, strict=True)])
     of_replicates = [np.stack(values) for values in zip(*replicates, strict=True)]
-    mean, variance, indices = _joined(*of_replicates)
+    mean, variance, (own, rest) = _joined(*of_replicates)
     without_one = [
         _joined(*(np.delete(values, i, axis=0) for values in of_replicates))
         for i in range(REPLICATES)
     ]
-    # The jackknife (B. Efron and C. Stein, Ann. Statist. 9(3), 1981): few samples make a ratio
-    # skewed, and its error to first order would be too small.
-    _, variance_error, errors = (
-        np.sqrt((REPLICATES - 1) * np.var(values, axis=0))
-        for values in zip(*without_one, strict=True)
-    )
-    (first, total), (first_of_rest, total_of_rest) = indices
-    minor = total <= total_of_rest
-    first = np.where(minor, first, 1.0 - total_of_rest)
-    total = np.where(minor, total, 1.0 - first_of_rest)
-    first_error, total_error = np.where(minor, errors[0], errors[1, ::-1])
-    for values in (first, total, first_error, total_error):
-        values[:, variance == 0] = np.nan
+    minor = own[1] <= rest[1]
+
+    def chosen(own: FloatArray, rest: FloatArray) -> FloatArray:
+        """Return first-order and total indices (2, g, s) from those of groups and of the others."""
+        return np.where(variance == 0, np.nan, np.where(minor, own, 1.0 - rest[::-1]))
+
+    first, total = chosen(own, rest)
+    firsts, totals = np.stack([chosen(*indices) for *_, indices in without_one], axis=1)
     return SobolIndices(
         mean=mean,
         variance=variance,
         first=first,
         total=total,
-        first_error=first_error,
-        total_error=total_error,
-        variance_error=variance_error,
+        first_error=jackknife_error(firsts),
+        total_error=jackknife_error(totals),
+        variance_error=jackknife_error(np.stack([spread for _, spread, _ in without_one])),
+        first_without_one=firsts,
     )
+
+
+def jackknife_error(without_one: FloatArray) -> FloatArray:
+    """Return the standard error (...) of a value, from the values without one replicate (r, ...).
+
+    Few samples make a ratio skewed, and its error to first order would be too small (B. Efron and
+    C. Stein, Ann. Statist. 9(3), 1981).
+    """
+    return np.asarray(np.sqrt((len(without_one) - 1) * np.var(without_one, axis=0)))
 
 
 def _joined(

@@ -69,6 +69,20 @@ def test_sobol_indices_agree_with_the_linear_budget_where_that_is_good():
         assert sobol.sources[source].total_index[0] >= sobol.sources[source].share[0] - 0.02
 
 
+def test_the_error_of_the_interaction_is_its_spread_over_seeds():
+    """The errors of two large sources cancel in it, since each is known by the other."""
+    s = load_scenario().at_poses([94])
+    budgets = [
+        error_budget(s.with_analysis(runs=256, seed=seed), "montecarlo") for seed in range(40)
+    ]
+    found, errors = np.array(
+        [(b.interaction.share[0], b.interaction.share_error[0]) for b in budgets]
+    ).T
+    # 39 and 40 · 7 degrees of freedom: the ratio is known to 12 %
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(found.std(ddof=1), rel=4 * 0.12)
+    assert errors.mean() < 0.2 * np.mean([b.sources["radar_constant"].share_error for b in budgets])
+
+
 def test_sobol_indices_are_refused_under_correlation():
     with pytest.raises(InputError, match="independent sources"):
         error_budget(load_scenario("configs/covariance.yaml"), "montecarlo")
