@@ -31,6 +31,7 @@ REFUSED = {
     "mine.yaml": "no command 'mine.yaml'; the command comes first, such as radar-sense check",
     "variance corridor.yaml --set radars.norht.p_fa=1e-6": "mobile; did you mean 'north'?",
     # options that need or exclude each other
+    "variance --threshold 0.6 --at-least 0.2": "--threshold and --at-least exclude each other",
     "variance --probability 0.05": "Error: --probability needs --threshold or --at-least\n",
     "budget --probability 0.05": "Error: --probability needs --threshold or --at-least\n",
     "sweep radar.constant 1 2 1 --probability 0.05": "Error: --probability needs --threshold or",
