@@ -85,6 +85,9 @@ def test_indices_of_parts():
             assert share[0] == pytest.approx(theirs[name][0], abs=0.03)
     assert max(share[0] for share in part_shares(linear).values()) > 0.2
     assert sum(share[0] for share in shares_of(found).values()) == pytest.approx(1)
+    # errors of the sources, not of their parts, cancel in the interaction
+    of_sources = [c.share_error[0] for c in found.sources.values()]
+    assert found.interaction.share_error[0] < 0.6 * np.linalg.norm(of_sources)
 
 
 @pytest.mark.parametrize("method", ["linear", "probit"])
