@@ -439,7 +439,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
             inputs = (first + np.flatnonzero(np.isin(states.columns, inputs))).tolist()
         groups[name] = inputs + sorted(numbers[error] for error in source.errors)
 
-    @cache
+    @cache  # which radars are in sight is found once for each block of poses
     def sampler(start: int, stop: int) -> Sampler:
         return Sampler(states.at(slice(start, stop)), roots[start:stop])
 

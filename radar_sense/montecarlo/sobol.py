@@ -58,10 +58,10 @@ def sobol_indices(
 
     The sample is a scrambled Sobol' sequence. The estimators are those of I. Azzini, T. A. Mara and
     R. Rosati (Environ. Model. Softw. 144, 2021), with a group in place of one input. Their errors
-    are small where an index is small, and a first-order index is at most the total one. The indices
-    of a group are also 1 less those of all other inputs, which the same outputs have: of the group
-    and the others, those with the smaller total index are used. The outputs are computed in blocks
-    to limit the memory.
+    are small where an index is small, and a first-order index is at most the total one. A group
+    that has most of the variance is known better by all other inputs, of which the same outputs
+    tell: its first-order index is 1 minus their total index, and its total index is 1 minus their
+    first-order index. The outputs are computed in blocks to limit the memory.
 
     Args:
         function: Returns some outputs (k, m) at inputs (m, d). The slice selects the outputs.
@@ -104,7 +104,7 @@ def sobol_indices(
     minor = own[1] <= rest[1]
 
     def chosen(own: FloatArray, rest: FloatArray) -> FloatArray:
-        """Return first-order and total indices (2, g, s) from those of groups and of the others."""
+        """Return the indices (2, g, s) of groups, by their own or by those of all other inputs."""
         return np.where(variance == 0, np.nan, np.where(minor, own, 1.0 - rest[::-1]))
 
     first, total = chosen(own, rest)

@@ -240,7 +240,7 @@ def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypat
 
 
 def test_the_signal_is_that_of_the_formula():
-    """Its partials are those of differences in `test_antenna`, with other factors."""
+    """`test_antenna` compares its partials with differences, together with other factors."""
     rng, plain = np.random.default_rng(18), rs.DetectionModel(ConstantRCS(0.1), 1e-6)
     model = dataclasses.replace(plain, factors=(rs.Attenuation(2e-5),))  # 0.02 dB/km
     aircraft, radar = rng.uniform(-2e5, 2e5, (60, 6)), rng.uniform(1, 300, (60, 4))

@@ -128,7 +128,7 @@ def plain_ranges(s, low, high, p_d=0.5, draws=10_000, steps=500, seed=1):
 
 
 def assert_as_drawn(found, drawn, rel=0.01):
-    """Bounds are those of plain draws within `rel` and four standard errors, and σ within 7 %."""
+    """Bounds agree with plain draws to `rel` and four standard errors, and σ to 7 %."""
     noise = 4 * math.sqrt(ndtr(-3) / len(drawn))
     for end, tail in ((found.lower, ndtr(-3)), (found.upper, ndtr(3))):
         assert np.mean(drawn < (1 - rel) * end) - noise <= tail
