@@ -27,24 +27,26 @@ class DrawnRanges:
     Attributes:
         around: The rays.
         places: Places along the rays.
-        states: Uncertain states (n,) about which errors are drawn, one on each ray.
+        low, high: Uncertain states (n,) on each ray, at about the lower and upper bound of the
+            range: errors that lower P_D at the one matter, and those that raise it at the other.
         snr: Signal-to-noise ratio at the range.
-        looks: At how many places (n,) a draw was looked at, on average, of the last draws.
     """
 
     around: Rays
     places: Places
-    states: UncertainStates
+    low: UncertainStates
+    high: UncertainStates
     snr: float
-    looks: FloatArray
 
     @classmethod
-    def about(cls, around: Rays, places: Places, centre: FloatArray, p_d: float) -> DrawnRanges:
-        """Return the ranges with a P_D, for errors that matter at distances (n,) along the rays."""
+    def about(
+        cls, around: Rays, places: Places, lower: FloatArray, upper: FloatArray, p_d: float
+    ) -> DrawnRanges:
+        """Return the ranges with a P_D, whose bounds (n,) are about these distances."""
         (radar,) = around.limited.radars
         snr = required_snr(radar.model.detector, radar.model.p_fa, p_d)
-        states = around.at(centre, limits=True).states()
-        return cls(around, places, states, snr, np.zeros(len(centre)))
+        low, high = (around.at(end, limits=True).states() for end in (lower, upper))
+        return cls(around, places, low, high, snr)
 
     def estimate(self, rays: NDArray[np.intp], draws: int, beta: float) -> Estimate:
         """Return what draws say of the range along some rays (j,)."""
@@ -54,18 +56,16 @@ class DrawnRanges:
         )
 
     def _of(self, some: NDArray[np.intp], draws: int, beta: float) -> Estimate:
-        around, states = self.around.part(some), self.states.at(some)
+        around, high = self.around.part(some), self.high.at(some)
         (radar,) = around.limited.radars
 
         def ranges(rows: slice, aircraft: FloatArray, radars: FloatArray) -> FloatArray:
             nominal = self.places.states(around.part(rows))
-            errors = aircraft - states.aircraft[rows, np.newaxis]
-            distance, self.looks[some[rows]] = self.places.farthest(
-                nominal, radar, self.snr, errors, radars
-            )
+            errors = aircraft - high.aircraft[rows, np.newaxis]
+            distance = self.places.farthest(nominal, radar, self.snr, errors, radars)
             return self._slant(slant_range(nominal, self.around.scenario.radar), distance)
 
-        return estimate_of(ranges, states, draws, beta)
+        return estimate_of(ranges, self.low.at(some), high, draws, beta)
 
     def _slant(self, at_places: FloatArray, distance: FloatArray) -> FloatArray:
         """Return slant ranges (j, n) at distances (j, n), from those (j, k) at the places.

@@ -25,8 +25,12 @@ STEPS = 200
 #: Standard deviations of the positions up to which lobes are counted.
 WIDE = 3.0
 
-#: From draws (l,), and numbers of places (l,), to (3, l): ln of the signal over what is enough, how
-#: far within maximum range and horizon it is, as a part of the range, and how far above the mask.
+#: Part of the turn to the edge of a mask that a search passes at once: errors turn it more.
+HIDDEN = 0.5
+
+#: From draws (l,), and numbers of places (l,), to (4, l): ln of the signal over what is enough, how
+#: far within maximum range and horizon it is, as a part of the range, how far above the mask, and
+#: by how much ln of the factors of the signal may rise at most towards the radar.
 Look: TypeAlias = Callable[[NDArray[np.intp], NDArray[np.intp]], FloatArray]
 
 
@@ -36,29 +40,32 @@ class Places:
 
     Attributes:
         distance: Distances (k,), ascending [m].
-        lobes: Number (k,) of lobes from the first place on.
+        lobes: Number (2, k) of lobes of the RCS, and of the antenna, from the first place on.
+        turn: Turn (k,) of the line of sight from the first place on [rad].
     """
 
     distance: FloatArray
     lobes: FloatArray
+    turn: FloatArray
 
     @classmethod
     def along(cls, around: Rays) -> Places:
         """Return the places along rays."""
         distance = np.geomspace(NEAREST, FARTHEST, NUMBER)
         while True:
-            passed = lobes_passed(around, distance)
-            coarse = passed > PART
+            passed, turn = turned(around, distance)
+            coarse = np.max(passed, axis=0) > PART
             coarse &= np.diff(distance) > CLOSE * distance[1:]  # the heading turns over a pole
             if len(distance) >= MOST or not coarse.any():
-                return cls(distance, np.insert(np.cumsum(passed), 0, 0.0))
+                lobes = np.insert(np.cumsum(passed, axis=1), 0, 0.0, axis=1)
+                return cls(distance, lobes, np.insert(np.cumsum(turn), 0, 0.0))
             middle = np.sqrt(distance[1:] * distance[:-1])[coarse]
             distance = np.sort(np.append(distance, middle))
 
     @functools.cached_property
-    def step(self) -> float:
-        """Lobes that a search passes at once."""
-        return max(PART, float(self.lobes[-1]) / STEPS)
+    def step(self) -> FloatArray:
+        """Lobes (2,) that a search passes at once."""
+        return np.maximum(PART, self.lobes[:, -1] / STEPS)
 
     def states(self, around: Rays) -> FloatArray:
         """Return the states (n, k, 6) of the aircraft at the places of all rays."""
@@ -76,10 +83,8 @@ class Places:
         snr: float,
         errors: FloatArray,
         states: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> FloatArray:
         """Return the farthest distances (j, n) with enough signal, within the limits; 0 for none.
-
-        Also returned is at how many places (j,) a draw is looked at, on average.
 
         Args:
             nominal: States (j, k, 6) of the aircraft at the places of j rays.
@@ -102,33 +107,36 @@ class Places:
                 margin = falling.margin(aircraft, own) / slant_range(aircraft, own)
             if radar.mask is not None:
                 clearance = radar.mask.clearance(aircraft, own)
-            return np.stack([excess, margin, clearance])
+            rise = radar.model.unchecked_rise(aircraft, own)
+            return np.stack([excess, margin, clearance, rise])
 
-        edge, looks = self._search(look, len(ray))
+        apart = of_aircraft[POSITION] - of_radar[POSITION]
+        apart += np.asarray(radar.state)[POSITION, np.newaxis]
+        steepness = 1.0 if radar.mask is None else radar.mask.steepness
+        edge = self._search(look, 2.0 * np.linalg.norm(apart, axis=0), steepness)
         low = self.below(edge)
         part = (edge - self.distance[low]) / np.diff(self.distance)[low]
         place = places[:, ray, low] + part * (places[:, ray, low + 1] - places[:, ray, low])
         near = slant_range((place + of_aircraft).T, of_radar.T) < radar.min_range
-        return np.where(near, 0.0, edge).reshape(shape), looks.reshape(shape).mean(axis=1)
+        return np.where(near, 0.0, edge).reshape(shape)
 
     @np.errstate(divide="ignore", invalid="ignore")  # of draws that have no place inside
-    def _search(self, look: Look, draws: int) -> tuple[FloatArray, NDArray[np.intp]]:
+    def _search(self, look: Look, displaced: FloatArray, steepness: float) -> FloatArray:
         """Return the farthest distances (l,) of draws that are inside: signal enough, in limits.
 
         The search goes inward from the farthest place, and passes no lobe, until a place is inside
         but for the mask. Then it looks between this and the nearest that is known not to be. Where
-        the mask hides the place that it finds, it goes on inward. Also returned is how often it
-        looks (l,).
+        the mask hides the place that it finds, it goes on inward. The other arguments are those of
+        `_inward`.
         """
-        last = len(self.distance) - 1
+        draws, last = len(displaced), len(self.distance) - 1
         low, high = np.full(draws, -1), np.full(draws, last + 1)
-        at_low, at_high = np.full((2, 3, draws), np.inf)
+        at_low, at_high = np.full((2, 4, draws), np.inf)
         at, left, rounds = np.full(draws, last), np.arange(draws), 0
-        looks = np.zeros(draws, dtype=np.intp)
+        veiled = np.zeros(draws, dtype=bool)
         while left.size:
             found, here = look(left, at[left]), at[left]
-            looks[left] += 1
-            inside = np.all(found[:2] >= 0, axis=0)
+            inside = np.all(found[:2] >= 0, axis=0) & ~veiled[left]
             for which, end, values in ((inside, low, at_low), (~inside, high, at_high)):
                 end[left[which]], values[:, left[which]] = here[which], found[:, which]
             hidden = left[(high[left] - low[left] == 1) & (low[left] >= 0)]
@@ -141,23 +149,44 @@ class Places:
             if rounds % 3 == 2:  # where ln S is far from linear
                 between = (ends[0] + ends[1]) // 2
             between = np.clip(between, ends[0] + 1, ends[1] - 1)
-            at[left] = np.where(ends[0] < 0, self._inward(ends[1], *at_high[:2, left]), between)
+            inward, behind = self._inward(ends[1], at_high[:, left], displaced[left], steepness)
+            searching = ends[0] < 0
+            at[left], veiled[left] = np.where(searching, inward, between), searching & behind
             rounds += 1
-        return self._edge(low, high, at_low, at_high), looks
+        return self._edge(low, high, at_low, at_high)
 
     def _inward(
-        self, at: NDArray[np.intp], excess: FloatArray, margin: FloatArray
-    ) -> NDArray[np.intp]:
+        self, at: NDArray[np.intp], values: FloatArray, displaced: FloatArray, steepness: float
+    ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """Return the next place (l,) to look at, nearer than places (l,) that are not inside.
 
         Beyond a limit all is beyond it within the margin. S that is too low is so up to where R⁻⁴
-        makes up for it, or something else that rises inward, as long as no lobe is passed.
+        makes up for it, or something else that rises inward, as long as no lobe is passed. Lobes of
+        the antenna may be passed up to where R⁻⁴ and the rise of the factors make up for it. What a
+        mask hides it hides until the line of sight has turned. Also returned is where (l,) the next
+        place is known to be hidden, and all places up to it.
+
+        Args:
+            at: Numbers of the places.
+            values: What `Look` returns there (4, l).
+            displaced: Distance (l,) [m] up to which errors may turn R⁻⁴ and elevation around.
+            steepness: That of the mask.
         """
+        excess, margin, clearance, rise = values
         distance = self.distance[at]
         limit = np.searchsorted(self.distance, distance * (1.0 + np.minimum(margin, 0.0)))
         strong = self.below(distance * np.exp(np.clip(excess, -100.0, 0.0) / 4.0))
-        lobe = np.searchsorted(self.lobes, self.lobes[at] - self.step)
-        return np.clip(np.where(margin < 0, limit, np.maximum(strong, lobe)), 0, at - 1)
+        part = np.exp(np.clip(excess + rise, -100.0, 0.0) / 4.0)
+        surely = self.below(displaced + np.maximum(distance - displaced, 0.0) * part)
+        of_rcs, of_antenna = (
+            np.searchsorted(lobes, lobes[at] - step)
+            for lobes, step in zip(self.lobes, self.step, strict=True)
+        )
+        weak = np.maximum(np.maximum(strong, of_rcs), np.minimum(of_antenna, surely))
+        inward = np.clip(np.where(margin < 0, limit, weak), 0, at - 1)
+        turn = HIDDEN * np.minimum(clearance, 0.0) / steepness
+        veil = np.where(clearance < 0, np.searchsorted(self.turn, self.turn[at] + turn), at)
+        return np.minimum(inward, veil), veil <= inward
 
     def _edge(
         self,
@@ -173,7 +202,7 @@ class Places:
         part = _part(at_low, at_high)
         near = self.distance[np.maximum(low, 0)]
         far = self.distance[np.minimum(high, len(self.distance) - 1)]
-        limit = near + np.min(part[1:], axis=0) * (far - near)
+        limit = near + np.min(part[1:3], axis=0) * (far - near)
         return np.where(low < 0, 0.0, np.minimum(near * (far / near) ** part[0], limit))
 
 
@@ -189,11 +218,12 @@ def _hidden(at_low: FloatArray, at_high: FloatArray) -> NDArray[np.bool_]:
     return np.asarray((at_low[2] < 0) & ~window)
 
 
-def lobes_passed(around: Rays, distance: FloatArray) -> FloatArray:
-    """Return the turn of the line of sight (k − 1,) from each distance (k,) to the next, in lobes.
+def turned(around: Rays, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the turn of the line of sight from each distance (k,) to the next: in lobes, in rad.
 
-    It is alike on all rays, because the aircraft has one height on all of them. The RCS has its
-    lobes in the frame of the aircraft, and the antenna in that of the radar. Errors displace the
+    The lobes (2, k − 1) are those of the RCS, which has them in the frame of the aircraft, and of
+    the antenna, in that of the radar; the turn (k − 1,) is in that of the radar, too. They are
+    alike on all rays, because the aircraft has one height on all of them. Errors displace the
     aircraft, and its line of sight then turns more or less. Of the nominal aircraft and six that
     are `WIDE` standard deviations away, the largest turn counts.
     """
@@ -203,12 +233,10 @@ def lobes_passed(around: Rays, distance: FloatArray) -> FloatArray:
     error = WIDE * math.sqrt(sum(float(largest_variance(c)[0]) for c in covariances))
     aircraft = np.repeat(first.states(distance[np.newaxis]), 7, axis=0)
     aircraft[1:, :, POSITION] += error * np.vstack([np.eye(3), -np.eye(3)])[:, np.newaxis]
-    passed = np.zeros(len(distance) - 1)
-    for line, details in (
-        (body_vector(aircraft, state), [radar.model.rcs.detail]),
-        (aircraft[..., POSITION] - state[POSITION], [f.detail for f in radar.model.factors]),
-    ):
+    turns = []
+    for line in (body_vector(aircraft, state), aircraft[..., POSITION] - state[POSITION]):
         unit = line / np.linalg.norm(line, axis=-1, keepdims=True)
         turn = 2.0 * np.arcsin(0.5 * np.linalg.norm(np.diff(unit, axis=1), axis=-1))
-        passed = np.maximum(passed, np.max(turn, axis=0) / min(details, default=math.inf))
-    return passed
+        turns.append(np.max(turn, axis=0))
+    of_antenna = min((f.detail for f in radar.model.factors), default=math.inf)
+    return np.stack([turns[0] / radar.model.rcs.detail, turns[1] / of_antenna]), turns[1]

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.coverage.drawn import DrawnRanges
-from radar_sense.coverage.rays import FARTHEST, Rays
+from radar_sense.coverage.rays import FARTHEST, NEAREST, Rays
 from radar_sense.coverage.reach import END, INSIDE, Reach, Survey, reach_of_quantile
 from radar_sense.propagation import AUTOMATIC, STD_CHANGE
 from radar_sense.propagation.automatic import ERRORS, judged
 from radar_sense.propagation.draws import Estimate
-from radar_sense.propagation.staged import FIRST, FURTHER, MANY, StagedDraws
+from radar_sense.propagation.staged import FIRST, FURTHER, PRECISE, StagedDraws
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 
@@ -23,9 +23,6 @@ from radar_sense.states import FloatArray
 _STEP = 1e-5
 #: Part of itself by which the end of a band may be off.
 PRECISION = 0.01
-#: The most draws are `MANY` / (1 + looks // LOOKS): with lobes and masks a draw is looked at many
-#: places.
-LOOKS = 8
 #: Standard error of σ, as a part of it, that is small enough.
 ERROR_OF_STD = 0.02
 
@@ -77,10 +74,13 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     # Without a range, errors matter where P_D has the value beyond a limit, or where it is highest.
     other = np.where(free > 0, free, seen.places.distance[np.argmax(seen.p_d, axis=1)])
     centre = np.where(exists, INSIDE * reach.distance, other)
-    draws = DrawnRanges.about(around, seen.places, centre, value)
-    staged = StagedDraws(partial(draws.estimate, beta=k), np.full(len(free), FIRST))
-    first = staged.until(lambda rows, found: np.full(len(rows), True), FIRST)
-    most = MANY // (1 + draws.looks.astype(int) // LOOKS)
+    about_it = DrawnRanges.about(around, seen.places, centre, centre, value)
+    first = about_it.estimate(np.arange(len(free)), FIRST, k)
+    height = around.slant_range(centre) ** 2 - centre**2  # squared, as on a flat earth
+    ends = np.sqrt(np.maximum(first.bounds[0] ** 2 - height, NEAREST**2))
+    lower, upper = np.where(first.bounds[0] > 0, ends, centre)
+    about_ends = DrawnRanges.about(around, seen.places, lower, upper, value)
+    staged = StagedDraws.after(first, partial(about_ends.estimate, beta=k))
 
     total, by_source = _to_first_order(around, np.where(exists & ~reach.endless, free, np.nan))
     if method == "linear":  # as if there were no limit, and cut off there
@@ -92,20 +92,20 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         found = (reach_of_quantile(seen, value, of_p_d, *guess) for guess in guesses)
         bounds = np.stack([around.slant_range(end) for end in found])
     drawn, confirmed, off = judged(
-        staged, tuple(bounds), _of_ranges, to_precision=by_draws, most=most
+        staged, tuple(bounds), _of_ranges, to_precision=by_draws, most=PRECISE
     )
     if by_draws:
         confirmed &= np.all(bounds < INSIDE * limit, axis=0)  # FORM does not see limits
         of_draws, errors = drawn.bounds
         bounds = np.where(confirmed, bounds, of_draws)
-        off = ~confirmed & np.any(ERRORS * errors > PRECISION * of_draws, axis=0)
+        off = ~confirmed & np.any(errors > PRECISION * of_draws, axis=0)
         off |= exists & (of_draws[1] == 0)  # too few of them have a range
 
     def precise(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
         (_, std), (_, error) = found.moments
         return np.asarray(error <= ERROR_OF_STD * std)
 
-    std = staged.until(precise, np.minimum(most, FURTHER)).moments[0][1]
+    std = staged.until(precise, FURTHER).moments[0][1]
     if method == "linear":
         first_order, of_draws = np.where(reach.limited, np.nan, total), std
         off |= abs(first_order - of_draws) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * of_draws
@@ -138,7 +138,7 @@ def _to_first_order(around: Rays, distance: FloatArray) -> tuple[FloatArray, dic
 def _of_ranges(found: Estimate) -> tuple[FloatArray, ...]:
     """Return the bounds by draws (2, n), their standard errors, tolerances, and a small noise."""
     drawn, errors = found.bounds
-    return drawn, errors, PRECISION * drawn, PRECISION * drawn
+    return drawn, errors, PRECISION * drawn, ERRORS * PRECISION * drawn
 
 
 def _slope(around: Rays, distance: FloatArray) -> FloatArray:

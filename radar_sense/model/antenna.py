@@ -116,6 +116,18 @@ class ElevationGain(_Directions):
             by_line = [scale * (along * u + across * d) for u, d in zip(level, down, strict=True)]
         return curve(inside), Vector(*by_line), -by_elevation
 
+    def rise(self, line: Vector, error: FloatArray) -> FloatArray:
+        """Return by how much (...) `nepers` may rise at most on the way to the radar, see `Factor`.
+
+        The elevation of what is above the radar rises all the way.
+        """
+        elevation, (curve, _) = self._from_axis(line, error), self._curves
+        inside = self._inside(elevation)
+        higher = np.maximum.accumulate(self.gain_db[::-1])[::-1]
+        most = 2.0 * NEPERS * higher[np.searchsorted(self.elevation, inside)]
+        most = np.where(elevation + self.tilt + error > 0, most, 0.0)
+        return np.asarray(np.maximum(most - curve(inside), 0.0))
+
     def _level_parts(self, line: Vector) -> tuple[list[FloatArray], FloatArray, FloatArray]:
         """Return the level part of d by component, its part along down, and the level distance."""
         down = self.axes[:, DOWN]
@@ -169,6 +181,17 @@ class Mask(_Directions):
     def __repr__(self) -> str:
         highest = np.rad2deg(self.elevation.max())
         return f"<Mask: {len(self.azimuth)} azimuths, up to {highest:.3g} deg>"
+
+    @cached_property
+    def steepness(self) -> float:
+        """By how much at most a turn of the line of sight to what is hidden changes `clearance`.
+
+        It is a change of elevation, and of azimuth: more so the higher the terrain is.
+        """
+        across = np.diff(self.azimuth, append=self.azimuth[0] + math.tau)
+        up = np.diff(self.elevation, append=self.elevation[0])
+        slope = np.max(abs(up[across > 0] / across[across > 0]))
+        return float(1.0 + slope / math.cos(max(self.elevation.max(), 0.0)))
 
     def clearance(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return the elevation (...) [rad] of aircraft (..., 6) above the mask of a radar."""

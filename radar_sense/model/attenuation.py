@@ -41,6 +41,10 @@ class Attenuation(Checked):
         along = nepers / squared
         return nepers, Vector(*(along * d for d in line)), nepers
 
+    def rise(self, line: Vector, error: FloatArray) -> FloatArray:
+        """Return by how much (...) `nepers` may rise on the way to the radar: up to 0."""
+        return -self.nepers(line, error)
+
     def _nepers(self, squared: FloatArray, error: FloatArray) -> FloatArray:
         growth = np.exp(np.minimum(error, MOST_NEPERS))
         return np.asarray(-2.0 * NEPERS * (self.one_way * growth) * np.sqrt(squared))

@@ -68,6 +68,12 @@ class Factor(Protocol):
     def linearize(self, line: Vector, error: FloatArray) -> tuple[FloatArray, Vector, FloatArray]:
         """Return `nepers`, their gradient by d, and by the error."""
 
+    def rise(self, line: Vector, error: FloatArray) -> FloatArray:
+        """Return by how much (...) `nepers` may rise at most on the way to the radar.
+
+        The aircraft flies level towards the radar, and passes over or under it.
+        """
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Linearization:
@@ -139,7 +145,7 @@ class DetectionModel:
         given: Any = self.factors
         if not isinstance(given, tuple | list):
             raise InputError(f"factors must be a tuple, got {given!r}")
-        needed = ("term", "parameter", "std_limit", "detail", "nepers", "linearize")
+        needed = ("term", "parameter", "std_limit", "detail", "nepers", "linearize", "rise")
         for factor in given:
             check_has("each of factors", factor, needed, "a factor of S", "Attenuation(2e-5)")
             check_choice("the parameter of a factor", factor.parameter, FACTORS)
@@ -212,6 +218,14 @@ class DetectionModel:
             error = _error(radar, FACTOR_ERRORS[factor.parameter])
             ratio = ratio * np.exp(factor.nepers(line, error))
         return ratio
+
+    def unchecked_rise(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
+        """Return by how much (...) ln of all factors may rise on the way to the radar."""
+        line = radar_from_aircraft(aircraft, radar)
+        rise = np.zeros(line.x.shape)
+        for factor in self.factors:
+            rise += factor.rise(line, _error(radar, FACTOR_ERRORS[factor.parameter]))
+        return rise
 
     def _chain(
         self, detector: Slope, aircraft: FloatArray, radar: FloatArray

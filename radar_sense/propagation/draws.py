@@ -24,6 +24,8 @@ from radar_sense.uncertain_states import UncertainStates
 
 #: Draws of the mixture at a time. A matrix product of this size stays in one thread.
 DRAWS = 1024
+#: Poses at a time, and those of a function that searches: rounds are as many for one as for all.
+ROWS, SEARCHED = BLOCK // DRAWS, 4 * BLOCK // DRAWS
 #: Width of a stratum [standard deviations]. Twice or a quarter of it hardly changes an error.
 STRATUM = 0.5
 #: A share of draws that is less than 1 by this is all of them, but for the rounding of weights.
@@ -107,11 +109,17 @@ def estimate(
     return found
 
 
-def estimate_of(function: Function, states: UncertainStates, draws: int, beta: float) -> Estimate:
-    """Return what draws say of a function of the states, in the place of P_D."""
-    n = 1 if states.certain else draws
-    mixture = None if n == 1 else Mixture.of(states, beta)
-    found = _estimate(*_draw(states, mixture, n, function), beta, np.nan)
+def estimate_of(
+    function: Function, low: UncertainStates, high: UncertainStates, draws: int, beta: float
+) -> Estimate:
+    """Return what draws say of a function of the states, in the place of P_D.
+
+    The states are the high ones, about which errors that raise P_D are emphasized. Errors that
+    lower P_D are those of the low states, which have the same errors.
+    """
+    n = 1 if high.certain else draws
+    mixture = None if n == 1 else Mixture.of(high, beta).with_falling(Mixture.of(low, beta))
+    found = _estimate(*_draw(high, mixture, n, function, SEARCHED), beta, np.nan)
     found.draws[:] = draws
     return found
 
@@ -147,7 +155,11 @@ def _drawn(
 
 
 def _draw(
-    states: UncertainStates, mixture: Mixture | None, draws: int, function: Function
+    states: UncertainStates,
+    mixture: Mixture | None,
+    draws: int,
+    function: Function,
+    size: int = ROWS,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return values (k, n), weights (k, n), and how far draws are towards two centres (2, k, n).
 
@@ -156,7 +168,6 @@ def _draw(
     values, towards = np.empty((len(states), draws)), np.zeros((2, len(states), draws))
     weights = np.full(values.shape, 1.0 / draws)
     rng, d = random_stream(states.seed, Stream.EMPHASIS, draws), states.normals
-    size = max(1, BLOCK // DRAWS)
     for start in range(0, draws, DRAWS):
         normals = rng.standard_normal((d, min(DRAWS, draws - start)))
         n = normals.shape[1]

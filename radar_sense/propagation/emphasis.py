@@ -92,6 +92,14 @@ class Mixture:
         centres = np.stack([*rising, *falling], axis=1)
         return cls(bases, centres, _shares(states, centres, len(rising)), len(rising))
 
+    def with_falling(self, other: Mixture) -> Mixture:
+        """Return the mixture with the centres of another that lower P_D, which has as many."""
+        centres, shares = (
+            np.concatenate([own[:, : self.falling], of_other[:, self.falling :]], axis=1)
+            for own, of_other in ((self.centres, other.centres), (self.shares, other.shares))
+        )
+        return replace(self, centres=centres, shares=shares)
+
     def at(self, rows: slice) -> Mixture:
         """Return the mixture at some poses."""
         bases = tuple(basis[rows] for basis in self.bases)

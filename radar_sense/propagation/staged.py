@@ -48,8 +48,13 @@ class StagedDraws:
         def draw(rows: NDArray[np.intp], draws: int) -> Estimate:
             return estimate(states.at(rows), draws, beta, p_max)
 
-        if first is None:
-            return cls(draw, draws_at_first(states))
+        return cls(draw, draws_at_first(states)) if first is None else cls.after(first, draw)
+
+    @classmethod
+    def after(
+        cls, first: Estimate, draw: Callable[[NDArray[np.intp], int], Estimate]
+    ) -> StagedDraws:
+        """Return draws whose first stage is known at all poses."""
         staged = cls(draw, first.draws.astype(int))
         for number in np.unique(staged._at_first).tolist():
             rows = np.flatnonzero(first.draws == number)

@@ -19,6 +19,7 @@ from scipy.stats import norm
 import radar_sense as rs
 from radar_sense.analyses.check import overview
 from radar_sense.errors import InputError
+from radar_sense.model.geometry import radar_from_aircraft
 from radar_sense.model.radar import ALWAYS, NEVER, Vicinity
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import load_scenario
@@ -197,6 +198,45 @@ def test_sight_is_certain_where_it_says_so(masked, origin):
     low, high = mask.clearance_within(below, np.zeros(4), *[np.array(100.0)] * 2)
     assert low <= np.deg2rad(-90 - 4)
     assert high >= np.deg2rad(90 + 2)
+
+
+def towards_the_radar(rng):
+    """A level flight over or under a radar at the origin, and the lines; the nearest first."""
+    aircraft, bearing = np.zeros((3000, 6)), rng.uniform(0, 2 * math.pi)
+    distance = np.geomspace(10, 1e6, len(aircraft))
+    aircraft[:, 0], aircraft[:, 1] = distance * np.cos(bearing), distance * np.sin(bearing)
+    aircraft[:, 2] = rng.choice([-1, 1]) * 10 ** rng.uniform(2, 4)
+    return aircraft, radar_from_aircraft(aircraft, np.zeros(4))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_gain_rises_no_more_on_the_way_to_the_radar_than_it_says(seed):
+    rng = np.random.default_rng(seed)
+    elevation = np.unique(np.round(rng.uniform(-60, 80, 12)))
+    gain = rs.ElevationGain(np.deg2rad(elevation), rng.uniform(-30, 0, len(elevation)), 0.1)
+    aircraft, line = towards_the_radar(rng)
+    nepers, rise = gain.nepers(line, np.array(0.02)), gain.rise(line, np.array(0.02))
+    rises = np.maximum.accumulate(nepers) - nepers
+    assert (rises <= rise + 1e-12).all()
+    if aircraft[0, 2] < 0:
+        assert_allclose(rises, rise, atol=0.01)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_mask_hides_until_the_line_of_sight_has_turned(seed):
+    rng = np.random.default_rng(seed)
+    azimuth = np.unique(np.round(rng.uniform(0, 360, 9)))
+    mask = rs.Mask(np.deg2rad(azimuth), np.deg2rad(rng.uniform(-60, 70, len(azimuth))))
+    aircraft, turned = np.zeros((2, 5000, 6))
+    aircraft[:, :3] = rng.standard_normal((len(aircraft), 3))
+    clearance = mask.clearance(aircraft, np.zeros(4))
+    turn = np.minimum(-0.999 * clearance / mask.steepness, 1.5)
+    aside = np.cross(aircraft[:, :3], rng.standard_normal((len(aircraft), 3)))
+    aside *= (np.linalg.norm(aircraft, axis=1) / np.linalg.norm(aside, axis=1))[:, np.newaxis]
+    turned[:, :3] = aircraft[:, :3] + np.tan(turn)[:, np.newaxis] * aside
+    still = mask.clearance(turned, np.zeros(4))[clearance < 0]
+    assert still.max() <= 1e-9
+    assert still.max() > -0.05
 
 
 @pytest.mark.parametrize("first_deg", [-180, 0, 30])
