@@ -269,13 +269,14 @@ class _Search:
         return bool(np.all(self._excess(names, log_factor, limit, PRECISE)[0] <= 0.0))
 
     def _strict(self, names: tuple[str, ...], log_factor: float) -> bool:
-        """Return whether draws find 3σ below the limit, where FORM finds it at the limit.
+        """Return whether draws find values below the limit, where FORM finds one at the limit.
 
-        σ by FORM is too large where c_r may come near 0. Its bounds are not.
+        σ by FORM is too large where c_r may come near 0, and a bound between narrow lobes.
         """
-        if self.k is not None or self.method != AUTOMATIC:
+        if self.method != AUTOMATIC:
             return False
-        excess, errors = self._excess(names, log_factor, (1.0 - NEAR) * self.limit, PRECISE)
+        limit = (1.0 - NEAR) * self.limit if self.k is None else self.limit - self._off
+        excess, errors = self._excess(names, log_factor, limit, PRECISE)
         return bool(np.all(excess < -SURE * errors))
 
     def _holds(

@@ -42,8 +42,8 @@ LEAST_STEP = 1e-3
 #: Most poses between the rows of a flight.
 MAX_POSES = 20_000
 #: P_D and its bound may differ from straight lines between poses by the smaller of
-#: RELATIVE_TOLERANCE · the room of the limit and TOLERANCE, and by DISTANT of their margin.
-RELATIVE_TOLERANCE, TOLERANCE, DISTANT = 0.01, 0.002, 0.25
+#: RELATIVE_TOLERANCE · the room of the limit and TOLERANCE.
+RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
 #: Decimals of the places of closest points and crossings, and a unit of the last one.
 DECIMALS = 6
 UNIT = 10.0**-DECIMALS
@@ -110,18 +110,12 @@ def refined(
     """Return a scenario with poses added until P_D and its bound are linear between poses.
 
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
-    tolerance of straight lines, which grows with the margin to the limit. Second differences
-    estimate the distance from the lines. Two standard errors of a bound are no bend. P_D is not
-    resolved if this takes more than `MAX_POSES` poses. If the places alone are more, only the place
-    with the least margin of P_D is added.
+    tolerance of straight lines. Second differences estimate the distance from the lines. Two
+    standard errors of a bound are no bend. P_D is not resolved if this takes more than `MAX_POSES`
+    poses. If the places alone are more, only the place with the least margin of P_D is added.
     """
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
     order, most = -1 if given[0] > given[-1] else 1, len(given) + MAX_POSES
-
-    def bent(values: FloatArray, noise: FloatArray | float = 0.0) -> NDArray[np.bool_]:
-        margin = requirement.margin(values)
-        within = np.fmin(margin[1:], margin[:-1])
-        return _bend(place, values) > np.fmax(tolerance, DISTANT * within) + noise
 
     added = places(scenario, lowest=requirement.at_least)
     place, new = given, np.setdiff1d(added, given)[::order]
@@ -136,8 +130,9 @@ def refined(
             band = Band.join([band, propagate(along(scenario, new))]).at(ranked)
             place = place[ranked]
         noise = 2.0 * np.maximum(band.error[1:], band.error[:-1])
-        bends = bent(band.p_d) | bent(requirement.bound(band), noise)
-        new = _middles(place)[bends & (abs(np.diff(place)) > shortest)]
+        bent = _bend(place, band.p_d) > tolerance
+        bent |= _bend(place, requirement.bound(band)) > tolerance + noise
+        new = _middles(place)[bent & (abs(np.diff(place)) > shortest)]
         resolved &= len(place) + len(new) < most
         if not (resolved and new.size):
             break

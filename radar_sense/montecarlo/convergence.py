@@ -38,6 +38,9 @@ REFERENCES, REFERENCE_FACTOR = 8, 2
 BLOCK = 4096
 #: A standard deviation of P_D whose standard error in the reference is a larger part is not known.
 LARGEST_ERROR = 0.1
+#: Nor is one beside which the mean of n random draws is off by more than this times σ/√n: then the
+#: reference has missed a tail.
+MISSED = 2.0
 #: The statistics, as rows of an array.
 STATISTICS = {"mean": slice(0, 1), "std": slice(1, 2), "quantile": slice(2, 4)}
 
@@ -118,12 +121,16 @@ def measure(
     references = np.stack([reference for (reference,) in found[:REFERENCES]])
     reference = references.mean(axis=0)
     standard_error = references.std(axis=0, ddof=1) / np.sqrt(REFERENCES)
-    unknown = standard_error[1] > LARGEST_ERROR * np.maximum(reference[1], LEAST_STD)
+    repeated = zip(SAMPLERS, zip(*found[REFERENCES:], strict=True), strict=True)
+    estimated = {kind: np.stack(estimates) for kind, estimates in repeated}
+    std = np.maximum(reference[1], LEAST_STD)
+    off = np.sqrt(np.mean((estimated["random"][:, -1, 0] - reference[0]) ** 2, axis=0))
+    unknown = standard_error[1] > LARGEST_ERROR * std
+    unknown |= off > MISSED * std / math.sqrt(runs)
     unit = np.where(unknown | (reference[1] <= LEAST_STD), np.nan, reference[1])
     of_reference = root_mean_square(standard_error[np.newaxis, np.newaxis], unit)
     of_samplers = {
-        kind: root_mean_square(np.stack(estimates) - reference, unit)
-        for kind, estimates in zip(SAMPLERS, zip(*found[REFERENCES:], strict=True), strict=True)
+        kind: root_mean_square(each - reference, unit) for kind, each in estimated.items()
     }
     return Convergence(
         runs=np.array(sizes),

@@ -4,12 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import CONFIGS, required
+from helpers import CONFIGS, required, scenario
 from scipy.constants import Boltzmann
 from scipy.optimize import brentq
+from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense.acceptance import accuracy
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.propagation.staged import MANY
 
 
@@ -97,6 +99,43 @@ def test_a_target_asks_for_no_more_than_it_takes(monkeypatch):
     (found,) = required(s, 0.3, "radar_constant").values()
     assert not found.known
     assert 0.98 * largest < found.factor < largest
+
+
+@pytest.mark.all_draws
+def test_draws_let_a_source_grow_beside_narrow_lobes_where_form_does_not():
+    """FORM has the limit as its bound at 1.55 times the errors of the attitude."""
+    s = rs.load_scenario(CONFIGS / "table.yaml").with_analysis(method="automatic")
+    s = s.at_poses(np.flatnonzero(s.axis.values == 27.5))
+    search = accuracy._Search(s, Requirement(0.95), "automatic")
+    factor = search.required(("aircraft_orientation",)).factor
+    assert factor > 10
+    rng, growth, n = np.random.default_rng(1), np.repeat([1, 0.98 * factor], 3), 400_000
+    states = s.states()
+    errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft * np.outer(growth, growth), n)
+    radars = states.radars_at(rng.standard_normal((n, states.radar_normals)))
+    above = np.mean(s.model.unchecked_p_d(s.aircraft[0] + errors, radars) > 0.95)
+    assert ndtr(-3) / 2 < above < ndtr(-3)
+
+
+@pytest.mark.parametrize("step", [2.5, 0.625])
+def test_a_factor_is_that_of_the_flight_whatever_its_steps(step):
+    """A limit that is distant now is near at the factor, and lobes are narrower than the steps."""
+    orbit = {"type": "orbit", "range_km": 500, "down_km": -3, "azimuth_from": "north"}
+    s = scenario(
+        radar={"position_m": [0, 0, 0], "constant": 167, "p_fa": 1e-4},
+        aircraft={
+            "rcs": {"model": "spikeball", "lobes": 72, "amplitude_m2": 0.03, "floor_m2": 0.001},
+            "attitude_deg": [0, 0, 0],
+        },
+        geometry={**orbit, "azimuth_deg": {"start": 1.25, "stop": 21.25, "step": step}},
+        uncertainty={
+            "aircraft": {"position_m": 10, "attitude_deg": 0.01},
+            "radar": {"a": {"position_m": 10, "constant": 8}},
+        },
+        analysis={"level": "a", "method": "linear"},
+    )
+    found = rs.analyses.budget(s, threshold=0.5).summary["threshold"]["required_accuracy"]
+    assert found["all"]["factor"] == pytest.approx(3.037, abs=0.01)
 
 
 @pytest.mark.parametrize(("beyond", "known"), [(1.02, False), (1.5, True)])

@@ -192,6 +192,24 @@ def test_a_pose_whose_sigma_few_draws_know_is_no_unit():
     assert errors[-1] < 0.2
 
 
+def test_a_tail_that_the_reference_has_missed_is_no_unit(monkeypatch):
+    """One random draw of one repetition has hit it."""
+
+    hits = []
+
+    def drawn(sampler, kind, seed, runs):
+        p_d = 0.5 + 1e-6 * np.random.default_rng(seed).standard_normal((runs, 13))
+        if kind == "random" and not hits:
+            p_d[-1, 3] = 1.0
+            hits.append(seed)
+        return p_d
+
+    monkeypatch.setattr("radar_sense.montecarlo.convergence.draw", drawn)
+    found = measure(scenario(), 2**9)
+    assert np.flatnonzero(found.unknown).tolist() == [3]
+    assert found.errors["mean"]["random"][-1] == pytest.approx(2**-4.5, rel=0.3)
+
+
 def test_lines_of_the_figure(small):
     """Markers and dashes tell samplers in grey, guide lines have their slopes, and names fit."""
     figure = lay_out(small.plot())
