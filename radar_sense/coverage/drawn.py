@@ -30,6 +30,7 @@ class DrawnRanges:
         low, high: Uncertain states (n,) on each ray, at about the lower and upper bound of the
             range: errors that lower P_D at the one matter, and those that raise it at the other.
         snr: Signal-to-noise ratio at the range.
+        looks: At how many places (n,) a draw was looked at, on average, of the last draws.
     """
 
     around: Rays
@@ -37,6 +38,7 @@ class DrawnRanges:
     low: UncertainStates
     high: UncertainStates
     snr: float
+    looks: FloatArray
 
     @classmethod
     def about(
@@ -46,7 +48,7 @@ class DrawnRanges:
         (radar,) = around.limited.radars
         snr = required_snr(radar.model.detector, radar.model.p_fa, p_d)
         low, high = (around.at(end, limits=True).states() for end in (lower, upper))
-        return cls(around, places, low, high, snr)
+        return cls(around, places, low, high, snr, np.zeros(len(lower)))
 
     def estimate(self, rays: NDArray[np.intp], draws: int, beta: float) -> Estimate:
         """Return what draws say of the range along some rays (j,)."""
@@ -62,7 +64,9 @@ class DrawnRanges:
         def ranges(rows: slice, aircraft: FloatArray, radars: FloatArray) -> FloatArray:
             nominal = self.places.states(around.part(rows))
             errors = aircraft - high.aircraft[rows, np.newaxis]
-            distance = self.places.farthest(nominal, radar, self.snr, errors, radars)
+            distance, self.looks[some[rows]] = self.places.farthest(
+                nominal, radar, self.snr, errors, radars
+            )
             return self._slant(slant_range(nominal, self.around.scenario.radar), distance)
 
         return estimate_of(ranges, self.low.at(some), high, draws, beta)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -20,7 +21,8 @@ from radar_sense.states import POSITION, FloatArray, components_first
 #: Number of places, each 2 % farther than the one before. More divide the way through a lobe in
 #: parts of this length, until there are MOST, or they are CLOSE, as a part of the distance.
 NUMBER, PART, MOST, CLOSE = 768, 0.125, 6144, 1e-4
-#: Most steps through all lobes: a table with nodes much closer than its lobes would need more.
+#: Most steps through all lobes of the RCS: a table with nodes much closer than its lobes would need
+#: more.
 STEPS = 200
 #: Standard deviations of the positions up to which lobes are counted.
 WIDE = 3.0
@@ -63,9 +65,9 @@ class Places:
             distance = np.sort(np.append(distance, middle))
 
     @functools.cached_property
-    def step(self) -> FloatArray:
-        """Lobes (2,) that a search passes at once."""
-        return np.maximum(PART, self.lobes[:, -1] / STEPS)
+    def step(self) -> float:
+        """Lobes of the RCS that a search passes at once."""
+        return max(PART, float(self.lobes[0, -1]) / STEPS)
 
     def states(self, around: Rays) -> FloatArray:
         """Return the states (n, k, 6) of the aircraft at the places of all rays."""
@@ -83,8 +85,10 @@ class Places:
         snr: float,
         errors: FloatArray,
         states: FloatArray,
-    ) -> FloatArray:
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the farthest distances (j, n) with enough signal, within the limits; 0 for none.
+
+        Also returned is at how many places (j,) a draw is looked at, on average.
 
         Args:
             nominal: States (j, k, 6) of the aircraft at the places of j rays.
@@ -100,8 +104,8 @@ class Places:
 
         def look(draw: NDArray[np.intp], at: NDArray[np.intp]) -> FloatArray:
             aircraft, own = (places[:, ray[draw], at] + of_aircraft[:, draw]).T, of_radar[:, draw].T
-            with np.errstate(divide="ignore"):
-                excess = np.log(radar.model.unchecked_snr(aircraft, own)) - math.log(snr)
+            signal = np.maximum(radar.model.unchecked_snr(aircraft, own), sys.float_info.min)
+            excess = np.log(signal) - math.log(snr)
             margin, clearance = np.full((2, len(draw)), np.inf)
             if falling.limited:
                 margin = falling.margin(aircraft, own) / slant_range(aircraft, own)
@@ -113,29 +117,32 @@ class Places:
         apart = of_aircraft[POSITION] - of_radar[POSITION]
         apart += np.asarray(radar.state)[POSITION, np.newaxis]
         steepness = 1.0 if radar.mask is None else radar.mask.steepness
-        edge = self._search(look, 2.0 * np.linalg.norm(apart, axis=0), steepness)
+        edge, looks = self._search(look, 2.0 * np.linalg.norm(apart, axis=0), steepness)
         low = self.below(edge)
         part = (edge - self.distance[low]) / np.diff(self.distance)[low]
         place = places[:, ray, low] + part * (places[:, ray, low + 1] - places[:, ray, low])
         near = slant_range((place + of_aircraft).T, of_radar.T) < radar.min_range
-        return np.where(near, 0.0, edge).reshape(shape)
+        return np.where(near, 0.0, edge).reshape(shape), looks.reshape(shape).mean(axis=1)
 
     @np.errstate(divide="ignore", invalid="ignore")  # of draws that have no place inside
-    def _search(self, look: Look, displaced: FloatArray, steepness: float) -> FloatArray:
+    def _search(
+        self, look: Look, displaced: FloatArray, steepness: float
+    ) -> tuple[FloatArray, NDArray[np.intp]]:
         """Return the farthest distances (l,) of draws that are inside: signal enough, in limits.
 
         The search goes inward from the farthest place, and passes no lobe, until a place is inside
         but for the mask. Then it looks between this and the nearest that is known not to be. Where
-        the mask hides the place that it finds, it goes on inward. The other arguments are those of
-        `_inward`.
+        the mask hides the place that it finds, it goes on inward. Also returned is how often it
+        looks (l,). The other arguments are those of `_inward`.
         """
         draws, last = len(displaced), len(self.distance) - 1
         low, high = np.full(draws, -1), np.full(draws, last + 1)
         at_low, at_high = np.full((2, 4, draws), np.inf)
         at, left, rounds = np.full(draws, last), np.arange(draws), 0
-        veiled = np.zeros(draws, dtype=bool)
+        looks, veiled = np.zeros(draws, dtype=np.intp), np.zeros(draws, dtype=bool)
         while left.size:
             found, here = look(left, at[left]), at[left]
+            looks[left] += 1
             inside = np.all(found[:2] >= 0, axis=0) & ~veiled[left]
             for which, end, values in ((inside, low, at_low), (~inside, high, at_high)):
                 end[left[which]], values[:, left[which]] = here[which], found[:, which]
@@ -153,7 +160,7 @@ class Places:
             searching = ends[0] < 0
             at[left], veiled[left] = np.where(searching, inward, between), searching & behind
             rounds += 1
-        return self._edge(low, high, at_low, at_high)
+        return self._edge(low, high, at_low, at_high), looks
 
     def _inward(
         self, at: NDArray[np.intp], values: FloatArray, displaced: FloatArray, steepness: float
@@ -180,7 +187,7 @@ class Places:
         surely = self.below(displaced + np.maximum(distance - displaced, 0.0) * part)
         of_rcs, of_antenna = (
             np.searchsorted(lobes, lobes[at] - step)
-            for lobes, step in zip(self.lobes, self.step, strict=True)
+            for lobes, step in zip(self.lobes, (self.step, PART), strict=True)
         )
         weak = np.maximum(np.maximum(strong, of_rcs), np.minimum(of_antenna, surely))
         inward = np.clip(np.where(margin < 0, limit, weak), 0, at - 1)

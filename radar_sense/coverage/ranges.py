@@ -23,6 +23,8 @@ from radar_sense.states import FloatArray
 _STEP = 1e-5
 #: Part of itself by which the end of a band may be off.
 PRECISION = 0.01
+#: Most looks of all draws of a stage at a ray: with lobes and masks a draw takes many.
+LOOKS = 500_000
 #: Standard error of σ, as a part of it, that is small enough.
 ERROR_OF_STD = 0.02
 
@@ -81,6 +83,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     lower, upper = np.where(first.bounds[0] > 0, ends, centre)
     about_ends = DrawnRanges.about(around, seen.places, lower, upper, value)
     staged = StagedDraws.after(first, partial(about_ends.estimate, beta=k))
+    most = np.minimum(LOOKS // about_it.looks, PRECISE)
 
     total, by_source = _to_first_order(around, np.where(exists & ~reach.endless, free, np.nan))
     if method == "linear":  # as if there were no limit, and cut off there
@@ -92,7 +95,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         found = (reach_of_quantile(seen, value, of_p_d, *guess) for guess in guesses)
         bounds = np.stack([around.slant_range(end) for end in found])
     drawn, confirmed, off = judged(
-        staged, tuple(bounds), _of_ranges, to_precision=by_draws, most=PRECISE
+        staged, tuple(bounds), _of_ranges, to_precision=by_draws, most=most
     )
     if by_draws:
         confirmed &= np.all(bounds < INSIDE * limit, axis=0)  # FORM does not see limits
@@ -105,7 +108,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         (_, std), (_, error) = found.moments
         return np.asarray(error <= ERROR_OF_STD * std)
 
-    std = staged.until(precise, FURTHER).moments[0][1]
+    std = staged.until(precise, np.minimum(most, FURTHER)).moments[0][1]
     if method == "linear":
         first_order, of_draws = np.where(reach.limited, np.nan, total), std
         off |= abs(first_order - of_draws) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * of_draws

@@ -25,6 +25,8 @@ from radar_sense.states import DOWN, FloatArray, ReadOnly, read_only
 ELEVATION, AZIMUTH = Limit(at_least=-90, at_most=90), Limit(at_least=-180, at_most=360)
 GAIN_DB, TILT = Limit(at_least=-200, at_most=0), Limit(at_least=-90, at_most=90)
 _LEVEL = np.eye(3)
+#: A length [m] below all radii of curvature of the earth, from 6,335 km.
+LEAST_RADIUS = 6.3e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +121,18 @@ class ElevationGain(_Directions):
     def rise(self, line: Vector, error: FloatArray) -> FloatArray:
         """Return by how much (...) `nepers` may rise at most on the way to the radar, see `Factor`.
 
-        The elevation of what is above the radar rises all the way.
+        The elevation of what is above the level of the radar only rises on the way. That of what is
+        below falls, but for an aircraft so far away that it rises over the curve of the earth.
         """
+        _, height, across = self._level_parts(line)
         elevation, (curve, _) = self._from_axis(line, error), self._curves
-        inside = self._inside(elevation)
-        higher = np.maximum.accumulate(self.gain_db[::-1])[::-1]
-        most = 2.0 * NEPERS * higher[np.searchsorted(self.elevation, inside)]
-        most = np.where(elevation + self.tilt + error > 0, most, 0.0)
-        return np.asarray(np.maximum(most - curve(inside), 0.0))
+        inside, gain = self._inside(elevation), self.gain_db
+        place = np.searchsorted(self.elevation, inside)
+        higher = np.maximum.accumulate(gain[::-1])[::-1][place]
+        lower = np.maximum.accumulate(gain)[np.maximum(place - 1, 0)]
+        falls = -height * LEAST_RADIUS > across * across
+        most = np.where(height > 0, higher, np.where(falls, lower, 0.0))
+        return np.asarray(np.maximum(2.0 * NEPERS * most - curve(inside), 0.0))
 
     def _level_parts(self, line: Vector) -> tuple[list[FloatArray], FloatArray, FloatArray]:
         """Return the level part of d by component, its part along down, and the level distance."""

@@ -626,6 +626,21 @@ def test_a_band_beside_a_drop_of_the_ranges_is_precise(tmp_path):
     assert_as_drawn(found, plain_ranges(s, 5e3, 1e5, draws=20_000, steps=200), rel=0.03)
 
 
+@pytest.mark.all_draws
+def test_a_search_passes_no_side_lobe_in_heavy_rain(tmp_path):
+    """At 5000 km the rain takes 5000 dB, and the signal is 0 to rounding."""
+    s = swerling1(
+        tmp_path,
+        beam="-5,-30 -1,-3 0,0 1,-3 2,-12 3,-30 4,-15 5,-13 6,-15 7,-30 8,-17 12,-17 13,-40 30,-40",
+        radar__constant=3,
+        radar__attenuation_db_per_km=0.5,
+        radar__tilt_deg=1,
+        **known_to(50, constant=0.5, tilt_deg=0.5),
+    )
+    found = on_rays(s, 0.0)
+    assert_as_drawn(found, plain_ranges(s, 3e3, 6e4, draws=20_000, steps=250), rel=0.03)
+
+
 BELOW = {"radar__position_m": [0, 0, -1000], "geometry__down_km": 0}
 
 
