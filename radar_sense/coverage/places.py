@@ -26,8 +26,8 @@ NUMBER, PART, MOST, CLOSE = 768, 0.125, 6144, 1e-4
 STEPS = 200
 #: Standard deviations of the positions up to which lobes are counted.
 WIDE = 3.0
-
-#: Part of the turn to the edge of a mask that a search passes at once: errors turn it more.
+#: Part of the turn to the edge of a mask that a search passes at once. The rest is for errors
+#: beyond `WIDE`, with which the line of sight turns more than it is counted to.
 HIDDEN = 0.5
 
 #: From draws (l,), and numbers of places (l,), to (4, l): ln of the signal over what is enough, how
@@ -133,7 +133,7 @@ class Places:
         The search goes inward from the farthest place, and passes no lobe, until a place is inside
         but for the mask. Then it looks between this and the nearest that is known not to be. Where
         the mask hides the place that it finds, it goes on inward. Also returned is how often it
-        looks (l,). The other arguments are those of `_inward`.
+        looks (l,). `_inward` explains `displaced` and `steepness`.
         """
         draws, last = len(displaced), len(self.distance) - 1
         low, high = np.full(draws, -1), np.full(draws, last + 1)
@@ -167,11 +167,12 @@ class Places:
     ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """Return the next place (l,) to look at, nearer than places (l,) that are not inside.
 
-        Beyond a limit all is beyond it within the margin. S that is too low is so up to where R⁻⁴
-        makes up for it, or something else that rises inward, as long as no lobe is passed. Lobes of
-        the antenna may be passed up to where R⁻⁴ and the rise of the factors make up for it. What a
-        mask hides it hides until the line of sight has turned. Also returned is where (l,) the next
-        place is known to be hidden, and all places up to it.
+        A place beyond a limit stays beyond it within the margin. Where S is too low, R⁻⁴ may make
+        up for it further in, or something else that rises inward; no lobe is passed on the way. But
+        lobes of the antenna are passed where even R⁻⁴ and the largest rise of the factors together
+        do not make up for it. A place that a mask hides stays hidden until the line of sight has
+        turned far enough. Also returned is where (l,) the mask hides the next place and all places
+        on the way to it.
 
         Args:
             at: Numbers of the places.
@@ -228,11 +229,11 @@ def _hidden(at_low: FloatArray, at_high: FloatArray) -> NDArray[np.bool_]:
 def turned(around: Rays, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the turn of the line of sight from each distance (k,) to the next: in lobes, in rad.
 
-    The lobes (2, k − 1) are those of the RCS, which has them in the frame of the aircraft, and of
-    the antenna, in that of the radar; the turn (k − 1,) is in that of the radar, too. They are
-    alike on all rays, because the aircraft has one height on all of them. Errors displace the
-    aircraft, and its line of sight then turns more or less. Of the nominal aircraft and six that
-    are `WIDE` standard deviations away, the largest turn counts.
+    The lobes (2, k − 1) are those of the RCS and those of the antenna. The RCS turns with the
+    aircraft, and the antenna with the radar. The turn (k − 1,) in radians is that of the antenna.
+    All rays have the same turns, because the aircraft has one height on all of them. Errors
+    displace the aircraft, and its line of sight then turns more or less. Of the nominal aircraft
+    and six that are `WIDE` standard deviations away, the largest turn counts.
     """
     (radar,), state, first = around.limited.radars, around.scenario.radar, around.part(slice(0, 1))
     errors = first.at(distance[-1:]).states()

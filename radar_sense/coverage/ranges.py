@@ -76,14 +76,15 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     # Without a range, errors matter where P_D has the value beyond a limit, or where it is highest.
     other = np.where(free > 0, free, seen.places.distance[np.argmax(seen.p_d, axis=1)])
     centre = np.where(exists, INSIDE * reach.distance, other)
-    about_it = DrawnRanges.about(around, seen.places, centre, centre, value)
-    first = about_it.estimate(np.arange(len(free)), FIRST, k)
-    height = around.slant_range(centre) ** 2 - centre**2  # squared, as on a flat earth
-    ends = np.sqrt(np.maximum(first.bounds[0] ** 2 - height, NEAREST**2))
-    lower, upper = np.where(first.bounds[0] > 0, ends, centre)
-    about_ends = DrawnRanges.about(around, seen.places, lower, upper, value)
-    staged = StagedDraws.after(first, partial(about_ends.estimate, beta=k))
-    most = np.minimum(LOOKS // about_it.looks, PRECISE)
+    at_centre = DrawnRanges.about(around, seen.places, centre, centre, value)
+    first = at_centre.estimate(np.arange(len(free)), FIRST, k)
+    # More draws are about errors that matter at the ends of the band, here as on a flat earth.
+    height_squared = around.slant_range(centre) ** 2 - centre**2
+    distance = np.sqrt(np.maximum(first.bounds[0] ** 2 - height_squared, NEAREST**2))
+    lower, upper = np.where(first.bounds[0] > 0, distance, centre)
+    at_ends = DrawnRanges.about(around, seen.places, lower, upper, value)
+    staged = StagedDraws.after(first, partial(at_ends.estimate, beta=k))
+    most = np.minimum(LOOKS // at_centre.looks, PRECISE)
 
     total, by_source = _to_first_order(around, np.where(exists & ~reach.endless, free, np.nan))
     if method == "linear":  # as if there were no limit, and cut off there

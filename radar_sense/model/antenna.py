@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, DEG, NOT_NEGATIVE, Limit, check_number
+from radar_sense.model.geodesy import LEAST_RADIUS
 from radar_sense.model.geometry import Vector, radar_from_aircraft
 from radar_sense.model.radar_equation import NEPERS
 from radar_sense.states import DOWN, FloatArray, ReadOnly, read_only
@@ -25,8 +26,6 @@ from radar_sense.states import DOWN, FloatArray, ReadOnly, read_only
 ELEVATION, AZIMUTH = Limit(at_least=-90, at_most=90), Limit(at_least=-180, at_most=360)
 GAIN_DB, TILT = Limit(at_least=-200, at_most=0), Limit(at_least=-90, at_most=90)
 _LEVEL = np.eye(3)
-#: A length [m] below all radii of curvature of the earth, from 6,335 km.
-LEAST_RADIUS = 6.3e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +120,8 @@ class ElevationGain(_Directions):
     def rise(self, line: Vector, error: FloatArray) -> FloatArray:
         """Return by how much (...) `nepers` may rise at most on the way to the radar, see `Factor`.
 
-        The elevation of what is above the level of the radar only rises on the way. That of what is
-        below falls, but for an aircraft so far away that it rises over the curve of the earth.
+        On the way the elevation rises if the aircraft is above the level plane of the radar. If it
+        is below, the elevation falls; very far away it rises first, because the earth is curved.
         """
         _, height, across = self._level_parts(line)
         elevation, (curve, _) = self._from_axis(line, error), self._curves
@@ -190,14 +189,14 @@ class Mask(_Directions):
 
     @cached_property
     def steepness(self) -> float:
-        """By how much at most a turn of the line of sight to what is hidden changes `clearance`.
+        """Largest change of `clearance` with a turn of the line of sight [rad/rad].
 
-        It is a change of elevation, and of azimuth: more so the higher the terrain is.
+        A turn changes the elevation, and the azimuth by more, the higher or lower the mask is.
         """
         across = np.diff(self.azimuth, append=self.azimuth[0] + math.tau)
         up = np.diff(self.elevation, append=self.elevation[0])
         slope = np.max(abs(up[across > 0] / across[across > 0]))
-        return float(1.0 + slope / math.cos(max(self.elevation.max(), 0.0)))
+        return float(1.0 + slope / math.cos(np.max(abs(self.elevation))))
 
     def clearance(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return the elevation (...) [rad] of aircraft (..., 6) above the mask of a radar."""

@@ -35,6 +35,8 @@ SEMI_MAJOR = 6378137.0
 FLATTENING = 1.0 / 298.257223563
 #: Semi-minor axis b [m], first eccentricity squared e² and second e'².
 SEMI_MINOR = SEMI_MAJOR * (1.0 - FLATTENING)
+#: Least radius of curvature [m]: that of the meridian at the equator.
+LEAST_RADIUS = SEMI_MINOR**2 / SEMI_MAJOR
 ECCENTRICITY_2 = FLATTENING * (2.0 - FLATTENING)
 SECOND_ECCENTRICITY_2 = ECCENTRICITY_2 / (1.0 - ECCENTRICITY_2)
 #: Iterations of Bowring's method. One iteration has an error of 1 µm within 10 km of the ellipsoid

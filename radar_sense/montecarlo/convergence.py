@@ -38,8 +38,8 @@ REFERENCES, REFERENCE_FACTOR = 8, 2
 BLOCK = 4096
 #: A standard deviation of P_D whose standard error in the reference is a larger part is not known.
 LARGEST_ERROR = 0.1
-#: Nor is one beside which the mean of n random draws is off by more than this times σ/√n: then the
-#: reference has missed a tail.
+#: Nor is σ known where means of n random draws are off by more than this times σ/√n, by definition
+#: their error: the reference has missed a tail. By chance 32 normal means are not off by so much.
 MISSED = 2.0
 #: The statistics, as rows of an array.
 STATISTICS = {"mean": slice(0, 1), "std": slice(1, 2), "quantile": slice(2, 4)}

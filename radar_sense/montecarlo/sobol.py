@@ -104,7 +104,7 @@ def sobol_indices(
     minor = own[1] <= rest[1]
 
     def chosen(own: FloatArray, rest: FloatArray) -> FloatArray:
-        """Return the indices (2, g, s) of groups, by their own or by those of all other inputs."""
+        """Return the indices (2, g, s) of groups: their own, or 1 less those of all others."""
         return np.where(variance == 0, np.nan, np.where(minor, own, 1.0 - rest[::-1]))
 
     first, total = chosen(own, rest)

@@ -24,7 +24,8 @@ from radar_sense.uncertain_states import UncertainStates
 
 #: Draws of the mixture at a time. A matrix product of this size stays in one thread.
 DRAWS = 1024
-#: Poses at a time, and those of a function that searches: rounds are as many for one as for all.
+#: Poses at a time, and poses at a time of a function that searches. A search of many poses takes
+#: hardly more rounds than one of few.
 ROWS, SEARCHED = BLOCK // DRAWS, 4 * BLOCK // DRAWS
 #: Width of a stratum [standard deviations]. Twice or a quarter of it hardly changes an error.
 STRATUM = 0.5
@@ -114,8 +115,8 @@ def estimate_of(
 ) -> Estimate:
     """Return what draws say of a function of the states, in the place of P_D.
 
-    The states are the high ones, about which errors that raise P_D are emphasized. Errors that
-    lower P_D are those of the low states, which have the same errors.
+    The nominal states are the high ones. Many draws are about errors that raise P_D at the high
+    states, and about errors that lower it at the low ones. Both have the same covariances.
     """
     n = 1 if high.certain else draws
     mixture = None if n == 1 else Mixture.of(high, beta).with_falling(Mixture.of(low, beta))
