@@ -44,6 +44,7 @@ figures: $(VENV)/installed
 # Exit code 3 is an answer: the threshold is passed, or the paper's linearization is not valid.
 gallery: figures
 	@$(BIN)/radar-sense range --p-d 0.1 --p-d 0.5 --p-d 0.9 --out $(OUT)
+	@$(BIN)/radar-sense range configs/valley.yaml --step-deg 2 --out $(OUT)
 	@$(BIN)/radar-sense detectors --out $(OUT)
 	@$(BIN)/radar-sense convergence --out $(OUT)
 	@$(BIN)/radar-sense compare --level high --out $(OUT)
