@@ -71,21 +71,8 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
     ranges. These judge the bounds, and by `automatic` replace those that they do not confirm.
     """
     around, reach, limit = seen.all_rays, seen.reach(value), limit_of_radar(seen)
-    exists, by_draws = reach.distance > 0, method == AUTOMATIC
-    free = reach.free
-    # Without a range, errors matter where P_D has the value beyond a limit, or where it is highest.
-    other = np.where(free > 0, free, seen.places.distance[np.argmax(seen.p_d, axis=1)])
-    centre = np.where(exists, INSIDE * reach.distance, other)
-    at_centre = DrawnRanges.about(around, seen.places, centre, centre, value)
-    first = at_centre.estimate(np.arange(len(free)), FIRST, k)
-    # More draws are about errors that matter at the ends of the band, here as on a flat earth.
-    height_squared = around.slant_range(centre) ** 2 - centre**2
-    distance = np.sqrt(np.maximum(first.bounds[0] ** 2 - height_squared, NEAREST**2))
-    lower, upper = np.where(first.bounds[0] > 0, distance, centre)
-    at_ends = DrawnRanges.about(around, seen.places, lower, upper, value)
-    staged = StagedDraws.after(first, partial(at_ends.estimate, beta=k))
-    most = np.minimum(LOOKS // at_centre.looks, PRECISE)
-
+    exists, free, by_draws = reach.distance > 0, reach.free, method == AUTOMATIC
+    first, staged, most = _drawn(seen, reach, value, k)
     total, by_source = _to_first_order(around, np.where(exists & ~reach.endless, free, np.nan))
     if method == "linear":  # as if there were no limit, and cut off there
         ends = around.slant_range(free) + np.array([[-k], [k]]) * total
@@ -111,8 +98,8 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
 
     std = staged.until(precise, np.minimum(most, FURTHER)).moments[0][1]
     if method == "linear":
-        first_order, of_draws = np.where(reach.limited, np.nan, total), std
-        off |= abs(first_order - of_draws) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * of_draws
+        first_order = np.where(reach.limited, np.nan, total)
+        off |= abs(first_order - std) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * std
         std = first_order
     lower, upper = bounds
     return RangeAt(
@@ -125,6 +112,27 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         by_source={name: np.where(reach.limited, np.nan, s) for name, s in by_source.items()},
         unreliable=off & ~reach.endless,
     )
+
+
+def _drawn(
+    seen: Survey, reach: Reach, value: float, k: float
+) -> tuple[Estimate, StagedDraws, NDArray[np.intp]]:
+    """Return what few drawn ranges say, stages with more of them, and the most draws of one (n,).
+
+    More draws are about errors that matter at the ends of the band, here as on a flat earth.
+    """
+    around, free = seen.all_rays, reach.free
+    # Without a range, errors matter where P_D has the value beyond a limit, or where it is highest.
+    other = np.where(free > 0, free, seen.places.distance[np.argmax(seen.p_d, axis=1)])
+    centre = np.where(reach.distance > 0, INSIDE * reach.distance, other)
+    at_centre = DrawnRanges.about(around, seen.places, centre, centre, value)
+    first = at_centre.estimate(np.arange(len(free)), FIRST, k)
+    height_squared = around.slant_range(centre) ** 2 - centre**2
+    distance = np.sqrt(np.maximum(first.bounds[0] ** 2 - height_squared, NEAREST**2))
+    lower, upper = np.where(first.bounds[0] > 0, distance, centre)
+    at_ends = DrawnRanges.about(around, seen.places, lower, upper, value)
+    staged = StagedDraws.after(first, partial(at_ends.estimate, beta=k))
+    return first, staged, np.minimum(LOOKS // at_centre.looks, PRECISE)
 
 
 def _to_first_order(around: Rays, distance: FloatArray) -> tuple[FloatArray, dict[str, FloatArray]]:
