@@ -16,6 +16,7 @@ from scipy.special import ndtr
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.axis import reached
 from radar_sense.cost import FIRST_ORDER
+from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
@@ -105,12 +106,15 @@ def required_accuracies(
             impossible = RequiredAccuracy(None, float(p_d[pose]), place, P_D_ITSELF)
             return dict.fromkeys((*sources_of(scenario, SOURCE, PART), "all"), impossible)
     search = _Search(scenario, goal, method)
-    by_name: dict[str, RequiredAccuracy] = {}
-    for name, source in sources_of(scenario).items():
+    every, by_name = sources_of(scenario), dict[str, RequiredAccuracy]()
+    for done, (name, source) in enumerate(every.items()):
+        report("sources", done, len(every))
         # a part of what is not enough alone is not enough
         if source.kind != FINER or (source.part_of and by_name[source.part_of].factor is not None):
             by_name[name] = search.required((name,))
-    return {**by_name, "all": search.required(tuple(sources_of(scenario, SOURCE)))}
+    by_name["all"] = search.required(tuple(sources_of(scenario, SOURCE)))
+    report("sources", len(every), len(every))
+    return by_name
 
 
 class _Search:
