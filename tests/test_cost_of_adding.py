@@ -134,7 +134,7 @@ class Radome:
         nepers = self.nepers(line, error)
         return nepers, Vector(*(0.0 * x for x in line)), np.full(np.shape(nepers), -NEPERS)
 
-    def rise(self, line, error):
+    def rise(self, line, error, part):
         return 0.0 * line.x
 '''
 FILES = {

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from radar_sense.covariance import largest_variance
 from radar_sense.coverage.rays import FARTHEST, NEAREST, Rays
-from radar_sense.model.geometry import body_vector, slant_range
+from radar_sense.model.geometry import body_vector, elevation_of, slant_range
 from radar_sense.model.radar import Radar
 from radar_sense.states import POSITION, FloatArray, components_first
 
@@ -30,9 +30,10 @@ WIDE = 3.0
 #: beyond `WIDE`, with which the line of sight turns more than it is counted to.
 HIDDEN = 0.5
 
-#: From draws (l,), and numbers of places (l,), to (4, l): ln of the signal over what is enough, how
-#: far within maximum range and horizon it is, as a part of the range, how far above the mask, and
-#: by how much ln of the factors of the signal may rise at most towards the radar.
+#: From draws (l,), and numbers of places (l,), to (5, l): ln of the signal over what is enough, how
+#: far within maximum range and horizon it is [m], how far above the mask [rad], by how much ln of
+#: the factors of the signal may rise at most, up to where R⁻⁴ alone makes up for too low a signal,
+#: and the part of a turn by which the azimuth of the RCS turns no more than by the whole.
 Look: TypeAlias = Callable[[NDArray[np.intp], NDArray[np.intp]], FloatArray]
 
 
@@ -101,18 +102,24 @@ class Places:
         ray = np.repeat(np.arange(shape[0]), shape[1])
         of_aircraft, of_radar = (x.reshape(len(ray), -1).T for x in (errors, states))
         falling = replace(radar, min_range=0.0, mask=None)  # limits that hide all beyond them
+        rcs = radar.model.rcs
 
         def look(draw: NDArray[np.intp], at: NDArray[np.intp]) -> FloatArray:
             aircraft, own = (places[:, ray[draw], at] + of_aircraft[:, draw]).T, of_radar[:, draw].T
             signal = np.maximum(radar.model.unchecked_snr(aircraft, own), sys.float_info.min)
             excess = np.log(signal) - math.log(snr)
             margin, clearance = np.full((2, len(draw)), np.inf)
+            lobe = np.ones(len(draw))
             if falling.limited:
-                margin = falling.margin(aircraft, own) / slant_range(aircraft, own)
+                margin = falling.margin(aircraft, own)
             if radar.mask is not None:
                 clearance = radar.mask.clearance(aircraft, own)
-            rise = radar.model.unchecked_rise(aircraft, own)
-            return np.stack([excess, margin, clearance, rise])
+            by_range = np.exp(np.minimum(excess, 0.0) / 4.0)
+            rise = radar.model.unchecked_rise(aircraft, own, by_range)
+            if not rcs.isotropic:  # the nearer to its pole, the faster its azimuth turns
+                lobe = np.cos(elevation_of(body_vector(aircraft, own)))
+                lobe /= 1.0 + self.step * rcs.detail
+            return np.stack([excess, margin, clearance, rise, lobe])
 
         apart = of_aircraft[POSITION] - of_radar[POSITION]
         apart += np.asarray(radar.state)[POSITION, np.newaxis]
@@ -137,13 +144,16 @@ class Places:
         """
         draws, last = len(displaced), len(self.distance) - 1
         low, high = np.full(draws, -1), np.full(draws, last + 1)
-        at_low, at_high = np.full((2, 4, draws), np.inf)
+        at_low, at_high = np.full((2, 5, draws), np.inf)
         at, left, rounds = np.full(draws, last), np.arange(draws), 0
         looks, veiled = np.zeros(draws, dtype=np.intp), np.zeros(draws, dtype=bool)
         while left.size:
             found, here = look(left, at[left]), at[left]
             looks[left] += 1
-            inside = np.all(found[:2] >= 0, axis=0) & ~veiled[left]
+            beyond = at_high[:, left]
+            inside = np.all(found[:2] >= 0, axis=0)
+            inside |= (high[left] - here == 1) & _appears(found, beyond)
+            inside &= ~veiled[left]
             for which, end, values in ((inside, low, at_low), (~inside, high, at_high)):
                 end[left[which]], values[:, left[which]] = here[which], found[:, which]
             hidden = left[(high[left] - low[left] == 1) & (low[left] >= 0)]
@@ -167,28 +177,28 @@ class Places:
     ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """Return the next place (l,) to look at, nearer than places (l,) that are not inside.
 
-        A place beyond a limit stays beyond it within the margin. Where S is too low, R⁻⁴ may make
-        up for it further in, or something else that rises inward; no lobe is passed on the way. But
-        lobes of the antenna are passed where even R⁻⁴ and the largest rise of the factors together
-        do not make up for it. A place that a mask hides stays hidden until the line of sight has
+        A place beyond a limit stays beyond it within the margin. Where S is too low, R⁻⁴ and the
+        largest rise of the factors may make up for it further in; no lobe is passed on the way.
+        But lobes of the antenna are passed where R⁻⁴ and rise do not make up for it in spite of all
+        errors of the place. A place that a mask hides stays hidden until the line of sight has
         turned far enough. Also returned is where (l,) the mask hides the next place and all places
         on the way to it.
 
         Args:
             at: Numbers of the places.
-            values: What `Look` returns there (4, l).
+            values: What `Look` returns there (5, l).
             displaced: Distance (l,) [m] up to which errors may turn R⁻⁴ and elevation around.
             steepness: That of the mask.
         """
-        excess, margin, clearance, rise = values
+        excess, margin, clearance, rise, lobe = values
         distance = self.distance[at]
-        limit = np.searchsorted(self.distance, distance * (1.0 + np.minimum(margin, 0.0)))
-        strong = self.below(distance * np.exp(np.clip(excess, -100.0, 0.0) / 4.0))
+        limit = np.searchsorted(self.distance, distance + np.minimum(margin, 0.0))
         part = np.exp(np.clip(excess + rise, -100.0, 0.0) / 4.0)
+        strong = self.below(distance * part)
         surely = self.below(displaced + np.maximum(distance - displaced, 0.0) * part)
         of_rcs, of_antenna = (
             np.searchsorted(lobes, lobes[at] - step)
-            for lobes, step in zip(self.lobes, (self.step, PART), strict=True)
+            for lobes, step in zip(self.lobes, (self.step * lobe, PART), strict=True)
         )
         weak = np.maximum(np.maximum(strong, of_rcs), np.minimum(of_antenna, surely))
         inward = np.clip(np.where(margin < 0, limit, weak), 0, at - 1)
@@ -217,6 +227,17 @@ class Places:
 def _part(at_low: FloatArray, at_high: FloatArray) -> FloatArray:
     """Return the part (3, l) of the way from low to high after which a value is negative."""
     return np.where(at_high < 0, at_low / (at_low - at_high), 1.0)
+
+
+def _appears(at_low: FloatArray, at_high: FloatArray) -> NDArray[np.bool_]:
+    """Return where (l,) a signal that rises outward is enough just before maximum range or horizon.
+
+    The low places are within the limits, and the signal is too low there. The high places are
+    beyond, and the signal is enough.
+    """
+    appears = 1.0 - _part(at_high, at_low)[0]
+    apart = (at_low[0] < 0) & (at_high[0] >= 0) & (at_low[1] >= 0) & (at_high[1] < 0)
+    return np.asarray(apart & (appears < _part(at_low, at_high)[1]))
 
 
 def _hidden(at_low: FloatArray, at_high: FloatArray) -> NDArray[np.bool_]:

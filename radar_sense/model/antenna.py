@@ -117,11 +117,12 @@ class ElevationGain(_Directions):
             by_line = [scale * (along * u + across * d) for u, d in zip(level, down, strict=True)]
         return curve(inside), Vector(*by_line), -by_elevation
 
-    def rise(self, line: Vector, error: FloatArray) -> FloatArray:
-        """Return by how much (...) `nepers` may rise at most on the way to the radar, see `Factor`.
+    def rise(self, line: Vector, error: FloatArray, part: FloatArray) -> FloatArray:
+        """Return by how much (...) `nepers` may rise at most on the way, see `Factor`.
 
-        On the way the elevation rises if the aircraft is above the level plane of the radar. If it
-        is below, the elevation falls; very far away it rises first, because the earth is curved.
+        The whole way to the radar counts, for any part. On it the elevation rises if the aircraft
+        is above the level plane of the radar. If it is below, the elevation falls; very far away it
+        rises first, because the earth is curved.
         """
         _, height, across = self._level_parts(line)
         elevation, (curve, _) = self._from_axis(line, error), self._curves

@@ -41,9 +41,9 @@ class Attenuation(Checked):
         along = nepers / squared
         return nepers, Vector(*(along * d for d in line)), nepers
 
-    def rise(self, line: Vector, error: FloatArray) -> FloatArray:
-        """Return by how much (...) `nepers` may rise on the way to the radar: up to 0."""
-        return -self.nepers(line, error)
+    def rise(self, line: Vector, error: FloatArray, part: FloatArray) -> FloatArray:
+        """Return by how much (...) `nepers` may rise at most on the way, see `Factor`."""
+        return -self.nepers(line, error) * (1.0 - part)
 
     def _nepers(self, squared: FloatArray, error: FloatArray) -> FloatArray:
         growth = np.exp(np.minimum(error, MOST_NEPERS))

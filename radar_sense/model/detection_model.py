@@ -68,8 +68,8 @@ class Factor(Protocol):
     def linearize(self, line: Vector, error: FloatArray) -> tuple[FloatArray, Vector, FloatArray]:
         """Return `nepers`, their gradient by d, and by the error."""
 
-    def rise(self, line: Vector, error: FloatArray) -> FloatArray:
-        """Return by how much (...) `nepers` may rise at most on the way to the radar.
+    def rise(self, line: Vector, error: FloatArray, part: FloatArray) -> FloatArray:
+        """Return by how much (...) `nepers` may rise at most on the way to a part of the distance.
 
         The aircraft flies level towards the radar, and passes over or under it.
         """
@@ -219,12 +219,14 @@ class DetectionModel:
             ratio = ratio * np.exp(factor.nepers(line, error))
         return ratio
 
-    def unchecked_rise(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
-        """Return by how much (...) ln of all factors may rise on the way to the radar."""
+    def unchecked_rise(
+        self, aircraft: FloatArray, radar: FloatArray, part: FloatArray
+    ) -> FloatArray:
+        """Return by how much (...) ln of all factors may rise on the way to a part of the range."""
         line = radar_from_aircraft(aircraft, radar)
         rise = np.zeros(line.x.shape)
         for factor in self.factors:
-            rise += factor.rise(line, _error(radar, FACTOR_ERRORS[factor.parameter]))
+            rise += factor.rise(line, _error(radar, FACTOR_ERRORS[factor.parameter]), part)
         return rise
 
     def _chain(

@@ -215,7 +215,7 @@ def test_the_gain_rises_no_more_on_the_way_to_the_radar_than_it_says(seed):
     elevation = np.unique(np.round(rng.uniform(-60, 80, 12)))
     gain = rs.ElevationGain(np.deg2rad(elevation), rng.uniform(-30, 0, len(elevation)), 0.1)
     aircraft, line = towards_the_radar(rng)
-    nepers, rise = gain.nepers(line, np.array(0.02)), gain.rise(line, np.array(0.02))
+    nepers, rise = gain.nepers(line, np.array(0.02)), gain.rise(line, np.array(0.02), np.zeros(()))
     rises = np.maximum.accumulate(nepers) - nepers
     assert (rises <= rise + 1e-12).all()
     near = aircraft[:, 2] * 6.3e6 > aircraft[:, 0] ** 2 + aircraft[:, 1] ** 2

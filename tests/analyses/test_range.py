@@ -709,6 +709,74 @@ def test_sigma_is_exact_where_the_signal_bends_with_distance():
 
 
 @pytest.mark.all_draws
+@pytest.mark.parametrize(
+    ("beam", "rcs", "attitude_deg", "down_km", "errors", "radar", "ends"),
+    [
+        # errors of 2 km may bring the aircraft within a maximum range, at which the beam has a lobe
+        (
+            " ".join(f"{0.5 * i},{-12 * (i % 2)}" for i in range(41)),
+            {"model": "constant", "rcs_m2": 0.3},
+            [0, 0, 0],
+            -3,
+            (50, 1, {"position_m": [2000, 2000, 20]}),
+            {"max_range_km": 40, "constant": 0.02384},
+            (2.5e4, 4.6e4),
+        ),
+        # banked, the aircraft passes its pole, where the azimuth turns fast
+        (
+            "",
+            {"model": "spikeball", "lobes": 4, "amplitude_m2": 2.0, "floor_m2": 0.01},
+            [45, 0, -90],
+            -9,
+            (10, 1, {"position_m": 10, "constant": 7.35e-7}),
+            {"constant": 1.471e-5},
+            (1e3, 1.8e4),
+        ),
+        # above the beam the signal rises outward, up to the maximum range
+        (
+            "0,0 10,0 20,-20",
+            {"model": "constant", "rcs_m2": 1.0},
+            [0, 0, 0],
+            -9,
+            (10, 1, {"position_m": 10, "constant": 4.3e-3}),
+            {"max_range_km": 36.5, "constant": 0.01231},
+            (3e4, 3.7e4),
+        ),
+        # inward there is less rain, too, and a null of the cross section
+        (
+            "",
+            {"model": "spikeball", "lobes": 2, "amplitude_m2": 1.0, "floor_m2": 0.001},
+            [30, 0, -20],
+            -3,
+            (10, [2, 2, 5], {"position_m": 10}),
+            {"attenuation_db_per_km": 0.5, "constant": 9.316e-4},
+            (4e3, 1.9e4),
+        ),
+    ],
+    ids=["displaced", "pole", "rising", "rain"],
+)
+def test_a_search_misses_no_range(tmp_path, beam, rcs, attitude_deg, down_km, errors, radar, ends):
+    """The bounds of 2 sigma are those of plain draws, and sigma is."""
+    metres, degrees, of_radar = errors
+    known = known_to(metres, degrees, **of_radar)
+    s = swerling1(
+        tmp_path,
+        beam=beam,
+        aircraft={"rcs": rcs, "attitude_deg": attitude_deg},
+        geometry__down_km=down_km,
+        radar__detector="north",
+        **{f"radar__{key}": value for key, value in radar.items()},
+        **known,
+    )
+    found, drawn = on_rays(s, 0.0, k=2.0), plain_ranges(s, *ends, draws=20_000, steps=400)
+    noise = 4 * math.sqrt(ndtr(-2) / len(drawn))
+    for end, tail in ((found.lower, ndtr(-2)), (found.upper, ndtr(2))):
+        assert np.mean(drawn < 0.985 * end) - noise <= tail
+        assert tail <= np.mean(drawn <= 1.015 * end) + noise
+    assert np.isnan(found.std) or found.std == pytest.approx(drawn.std(), rel=0.05)
+
+
+@pytest.mark.all_draws
 def test_lobes_of_an_aircraft_on_its_side_are_passed_one_by_one():
     """Rolled by 90 deg, it turns lobes of the RCS to a radar that it approaches at 9 km."""
     rcs = {"model": "spikeball", "lobes": 36, "amplitude_m2": 5, "floor_m2": 0.01}
