@@ -143,7 +143,7 @@ def _cells(result: Result, name: str) -> Iterable[str]:
     known = values[np.isfinite(values)]
     is_map = any(column.ndim > 1 for column in result.table.values())  # and has two axes
     for extreme in (known.min(), known.max()) if known.size else (np.nan, np.nan):
-        words = f"{extreme:.10g}" if name == first and known.size else number(extreme)
+        words = f"{extreme:.10g}" if name == first else number(extreme)
         words = f"{words} {unit if known.size else ''}".strip()
         if name != first and values.shape == result.table[first].shape and not is_map:
             words += _places(result, first, np.isclose(values, extreme, rtol=1e-9, atol=1e-9))

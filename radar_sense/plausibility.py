@@ -310,7 +310,7 @@ def _antenna(scenario: Scenario) -> Iterator[str]:
 
 def _spacing(scenario: Scenario) -> Iterator[str]:
     geometry = scenario.geometry
-    if not isinstance(geometry, Path) or geometry.flight is not None or len(geometry.axis) < 2:
+    if not isinstance(geometry, Path) or geometry.flight is not None:
         return  # of poses between the rows the user has chosen the step
     coarse = coarseness(scenario, lobes=False) > 1.0
     if coarse.any():

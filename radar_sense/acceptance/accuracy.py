@@ -130,12 +130,11 @@ class _Search:
         if isinstance(goal, Requirement):
             k, of_miss = goal.k, goal.at_least
             limit = 1.0 - goal.limit if of_miss else goal.limit
-            # with k, a goal that P_D itself misses has no search
-            beyond = goal.probability is not None and np.any(goal.margin(scenario.p_d()) < 0)
+            beyond = bool(np.any(goal.margin(scenario.p_d()) < 0))
         else:
             k, of_miss, limit, beyond = None, False, goal, False
         self.scenario, self.limit, self.k, self.method = scenario, limit, k, method
-        self.of_miss, self.beyond = of_miss, bool(beyond)
+        self.of_miss, self.beyond = of_miss, beyond
         self.budget_at = cache(
             lambda pose: error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
         )

@@ -52,7 +52,7 @@ class DrawnRanges:
 
     def estimate(self, rays: NDArray[np.intp], draws: int, beta: float) -> Estimate:
         """Return what draws say of the range along some rays (j,)."""
-        size = max(1, MAX_NUMBERS // (2 * draws))
+        size = MAX_NUMBERS // (2 * draws)
         return Estimate.join(
             [self._of(rays[part], draws, beta) for part in slices(len(rays), size)]
         )

@@ -103,7 +103,7 @@ class Survey:
     def _farthest(
         self, inside: NDArray[np.bool_], reaches: Callable[[FloatArray], NDArray[np.bool_]]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return brackets (n,) of the farthest distance that is inside; 0 where none is.
+        """Return brackets (n,) of the farthest distance that is inside, from 0 where none is.
 
         The function returns whether distances (n,) are inside, as places (n, k) are.
         """
@@ -114,8 +114,7 @@ class Survey:
             middle = np.sqrt(near * far)  # halves the bracket of the logarithm
             still = reaches(middle)
             near, far = np.where(still, middle, near), np.where(still, far, middle)
-        nowhere = ~inside.any(axis=1)
-        return np.where(nowhere, 0.0, near), np.where(nowhere, 0.0, far)
+        return np.where(inside.any(axis=1), near, 0.0), far
 
 
 def survey(all_rays: Rays) -> Survey:

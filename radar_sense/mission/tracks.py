@@ -61,7 +61,7 @@ def track_by_time(
 ) -> FloatArray:
     """Return the probability (T, n) of a track by some times, from that of each group (L, n)."""
     by_group = (t[schedule.latest(group)[times]] for group, t in enumerate(tracks))
-    return np.minimum(reduce(either, by_group), 1.0)
+    return reduce(either, by_group)
 
 
 def event_probabilities(

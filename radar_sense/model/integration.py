@@ -381,9 +381,8 @@ def _log_over_zero(k: FloatArray, mean: FloatArray | float, shape: float) -> Flo
 
 def _stirling(n: FloatArray) -> FloatArray:
     """Return ln n! − ln(√(2πn) (n/e)^n) of n ≥ 1 (DLMF 5.11.1)."""
-    few = np.minimum(n, 16.0)
-    exact = gammaln(few + 1.0) - ((few + 0.5) * np.log(few) - few + 0.5 * math.log(2.0 * math.pi))
-    i = 1.0 / np.maximum(n, 16.0)
+    exact = gammaln(n + 1.0) - ((n + 0.5) * np.log(n) - n + 0.5 * math.log(2.0 * math.pi))
+    i = 1.0 / n
     q = i * i
     series = i * (1 / 12 - q * (1 / 360 - q * (1 / 1260 - q * (1 / 1680 - q / 1188))))
     return np.where(n < 16.0, exact, series)

@@ -108,7 +108,8 @@ class NetworkModel:
 
     def unchecked_linearize(self, aircraft: FloatArray, radar: FloatArray) -> Linearization:
         """Return `linearize` of states that have been checked."""
-        z, by_aircraft, by_radar = self._each_probit(aircraft, radar)
+        visible = self.visible(aircraft, radar)
+        z, by_aircraft, by_radar = self._each_probit(aircraft, radar, visible)
         fused = reduce(either, map(ndtr, z))
         return Linearization(fused, *_weighted(slopes_of_p_d(z), by_aircraft, by_radar))
 
@@ -173,17 +174,16 @@ class NetworkModel:
             yield values[()]
 
     def _each_probit(
-        self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_] | None = None
+        self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
         """Return z_i (m, ...) and its partials by the aircraft and by each radar.
 
-        The arguments are as of `extrapolated_probit`. By default the limits say which radars see.
+        The arguments are as of `extrapolated_probit`.
         """
         values, by_aircraft, by_radar = [], [], []
         for i, state in enumerate(of_each(radar, len(self.radars))):
-            own = self.radars[i]
-            z, by_a, by_r = own.model.unchecked_probit(aircraft, state)
-            seen = own.visible(aircraft, state) if visible is None else visible[..., i]
+            z, by_a, by_r = self.radars[i].model.unchecked_probit(aircraft, state)
+            seen = visible[..., i]
             if not seen.all():
                 z = np.where(seen, z, UNSEEN)
                 by_a, by_r = (np.where(seen[..., np.newaxis], by, 0.0) for by in (by_a, by_r))

@@ -197,7 +197,7 @@ def moments(tolerances: Sequence[Tolerance]) -> tuple[float, float, float]:
     )
     if not third < 1e300:  # no other power below overflows: none is larger than the third moment
         return math.inf, math.inf, math.inf
-    variance = max(second - first * first, 0.0)
+    variance = second - first * first
     if variance <= 1e-12 * first * first:  # nothing but rounding
         return first, 0.0, 0.0
     skewness = (third - 3.0 * first * variance - first**3) / variance**1.5

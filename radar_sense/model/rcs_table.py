@@ -355,8 +355,8 @@ def _enveloped(
     # From an elevation ε, the angle w reaches as far in azimuth as arcsin(sin w / cos ε), ...
     steepest = np.minimum(abs(elevation.nodes) + 2.0 * np.pi / rows, np.pi / 2)
     polar = steepest + width >= np.pi / 2 - 1e-9  # ... or all around
-    sine = np.sin(width) / np.cos(np.where(polar, 0.0, steepest))
-    reach = np.where(polar, np.pi, np.arcsin(np.minimum(sine, 1.0)))
+    sine = np.minimum(np.sin(width) / np.cos(steepest), 1.0)
+    reach = np.where(polar, np.pi, np.arcsin(sine))
     for row, sideways in zip(control, reach, strict=True):
         row[:] = maximum_filter1d(row, window(sideways, math.tau / columns), mode="wrap")
     control += _MARGIN

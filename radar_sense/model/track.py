@@ -67,8 +67,7 @@ def largest_climb(
     moves, steepest = (
         np.maximum(np.append(of[0], of), np.append(of, of[-1])) for of in (moves, slope)
     )
-    if len(slope) > 1:  # a climb may begin and end on the outermost legs
-        steepest[[0, -1]] = steepest[[1, -2]]
+    steepest[[0, -1]] = steepest[[1, -2]]  # a climb may begin and end on the outermost legs
     return np.where(moves, STEEPER * steepest * ground, np.inf)
 
 

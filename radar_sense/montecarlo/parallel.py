@@ -22,7 +22,7 @@ def in_order(
         elif workers == 1:
             yield from map(function, range(count))
         else:
-            with ThreadPoolExecutor(min(workers, count)) as threads:
+            with ThreadPoolExecutor(workers) as threads:
                 yield from _submitted(threads, function, count, ahead=workers)
     except MemoryError as error:
         raise ComputationError(

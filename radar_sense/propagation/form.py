@@ -57,7 +57,8 @@ class Form(Distribution):
         self, states: UncertainStates, derivatives: Sequence[SecondOrder] | None = None
     ) -> None:
         super().__init__(states)
-        self._known = derivatives
+        if derivatives is not None:
+            self._derivatives = derivatives
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
@@ -93,9 +94,7 @@ class Form(Distribution):
         return Form(changed, self._derivatives)
 
     @cached_property
-    def _derivatives(self) -> list[SecondOrder]:
-        if self._known is not None:
-            return list(self._known)
+    def _derivatives(self) -> Sequence[SecondOrder]:
         return [RelativeProbit(part).derivatives() for part in self._blocks]
 
     @property
@@ -104,7 +103,7 @@ class Form(Distribution):
         return self.states.blocks(n * max(n, len(NODES)))
 
     def _spaces(self) -> Iterator[StandardNormalSpace]:
-        keep = self._known is not None or "_derivatives" in vars(self)
+        keep = "_derivatives" in vars(self)
         for number, part in enumerate(self._blocks):
             probit = RelativeProbit(part)
             z = self._derivatives[number] if keep else probit.derivatives()
@@ -234,12 +233,11 @@ def ball_maximum(g: FloatArray, lam: FloatArray, radius: FloatArray) -> FloatArr
     size = np.sqrt(np.sum(g * g, axis=0)) + radius * np.max(np.abs(lam), axis=0, initial=0.0)
     least = 1e-6 * size
     forks = (lam == highest) & (np.abs(g) < least)
-    if forks.any():
-        g = np.where(forks, np.where(g < 0, -least, least), g)
+    g = np.where(forks, np.where(g < 0, -least, least), g)
     low = np.maximum(highest, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         # From a μ too low, where |u| is too long, the iteration rises to the solution.
-        mu = low + np.maximum(np.max(np.abs(g) / radius + lam - low, axis=0, initial=0.0), 0.0)
+        mu = low + np.max(np.abs(g) / radius + lam - low, axis=0, initial=0.0)
         left = np.arange(len(mu))
         for _ in range(12):
             inverse = 1.0 / (mu[left] - lam[:, left])
@@ -281,7 +279,7 @@ def quadratic_quantile(g: FloatArray, lam: FloatArray, betas: FloatArray) -> Flo
     highest = np.max(lam, axis=0, initial=0.0)
     lowest = np.min(lam, axis=0, initial=0.0)
     row, beta = np.tile(np.arange(k), n), np.repeat(betas, k)
-    w = np.where(spread[row] > 0, beta - skewness[row] / 6.0, 0.0)
+    w = beta - skewness[row] / 6.0
     low, high = np.full(n * k, -np.sinh(18.0)), np.full(n * k, np.sinh(18.0))
     x = np.zeros(n * k)
     left = np.flatnonzero(spread[row] > 0)
