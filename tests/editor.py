@@ -78,7 +78,7 @@ NOT_EXPRESSED = {
     "names that depend on each other": (
         r"analysis.level: must be one of|that no other radar has|must be a level that"
         r"|missing level|would have the column|aircraft\.rcs\.bands|must be one of types"
-        r"|the levels of its radars"
+        r"|the levels of its radars|is the type of no radar"
     ),
     "other files, and what is in them": r"^(route|rcs)\.csv:|cannot be read|the RCS table covers"
     r"|or the column std_db",

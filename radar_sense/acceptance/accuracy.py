@@ -98,7 +98,7 @@ def required_accuracies(
     and in a network of position, constant and further parameters of each radar that is enough
     alone. The other sources are unchanged. "all" scales all sources together.
     """
-    if isinstance(goal, Requirement) and goal.probability is None:
+    if isinstance(goal, Requirement) and (goal.probability is None or scenario.states().certain):
         p_d = scenario.p_d()
         if np.any(goal.margin(p_d) < 0):
             pose = int(np.argmax(reached(-p_d if goal.at_least else p_d)))

@@ -231,10 +231,10 @@ def _why(tested: PathTest) -> str:
     place = _beyond(margin < 0, margin, axis)
     itself = f"P_D itself is {side(required)} {limit} {place}"
     goal = f"--k {required.k:g}"
+    if place and (required.probability is None or tested.path.scenario.states().certain):
+        return f"{itself}: no better knowledge helps there"
     if required.probability is not None:
         goal = f"--probability {required.probability:g}"
-    elif place:
-        return f"{itself}: no better knowledge helps there"
     stays = "above" if required.at_least else "below"
     if not tested.path.resolved:
         return itself if place else f"P_D itself stays {stays} {limit} at the poses tested"

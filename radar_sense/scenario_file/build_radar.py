@@ -44,10 +44,13 @@ from radar_sense.states import POSITION, FloatArray
 def radars_of(file: sections.File, rcs: Mapping[str, RCS], geometry: Geometry) -> tuple[Radar, ...]:
     """Return the radars."""
     levels, place = file.uncertainty.radar, file.uncertainty.place
+    radars: tuple[Radar, ...]
     if file.radar is not None:
         if levels is None:
             raise place.error("missing key 'radar', required with 'radar'")
-        return (_radar(file.radar, levels, file, rcs, geometry),)
+        radars = (_radar(file.radar, levels, file, rcs, geometry),)
+        _refuse_unused_types(file, [file.radar])
+        return radars
     if levels is not None:
         raise place["radar"].error(
             "must be left out here: give 'uncertainty' of each radar in 'radars'"
@@ -60,7 +63,19 @@ def radars_of(file: sections.File, rcs: Mapping[str, RCS], geometry: Geometry) -
         if problem := name_problem(names, [*rcs], [*(file.types or {})]):
             raise at.error(problem)
         _refuse_other_levels(stated[0], radar)
-    return tuple(_radar(radar, radar.uncertainty, file, rcs, geometry) for radar in stated)
+    radars = tuple(_radar(radar, radar.uncertainty, file, rcs, geometry) for radar in stated)
+    _refuse_unused_types(file, stated)
+    return radars
+
+
+def _refuse_unused_types(file: sections.File, radars: Sequence[sections.Radar]) -> None:
+    """Raise InputError if a type is of no radar: its errors would be left out."""
+    used = [radar.type for radar in radars]
+    for name in file.types or {}:
+        if name not in used:
+            raise file.place["types"][name].error(
+                f"is the type of no radar; give radars 'type: {name}', or leave it out"
+            )
 
 
 def _refuse_other_levels(first: sections.NamedRadar, radar: sections.NamedRadar) -> None:

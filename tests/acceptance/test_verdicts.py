@@ -118,6 +118,18 @@ def test_without_uncertainty_the_probability_is_zero_or_one():
     assert found["standard_error"] == pytest.approx(1 / runs, rel=0.01)  # as of one more run
 
 
+def test_of_a_certain_p_d_beyond_the_limit_no_better_knowledge_helps():
+    certain = {"a": {"position_m": 0, "constant": 0}}
+    s = scenario(
+        uncertainty={"aircraft": {"position_m": 0, "attitude_deg": 0}, "radar": certain},
+        analysis={"level": "a"},
+        geometry__azimuth_deg=FEW,
+    )
+    asked = {"threshold": 0.5 * float(s.p_d().max()), "probability": 0.05}
+    for result in (analyses.variance(s, **asked), analyses.budget(s, **asked)):
+        assert any("no better knowledge helps" in line for line in result.report)
+
+
 @pytest.mark.parametrize("at_least", [False, True])
 def test_draws_decide(at_least):
     """Compare with the quantiles of a plain loop, and with limits just within and beyond."""

@@ -160,6 +160,7 @@ def with_rcs(**rcs):
 
 
 NUMBER = {"uncertainty": {"one": {"position_m": 0, "constant": 0.1}}}
+UNUSED = {"types": {t: {"one": {"gain_dbi": 1}} for t in ("filler", "other")}}
 WRONG = {
     "radars[2].band: must be one of s, x of aircraft.rcs.bands, got 'ss'; d": (
         {"band": "ss"},
@@ -168,6 +169,7 @@ WRONG = {
     "radars[2]: missing key 'band', one of s, x of aircraft.rcs.bands": ({"band": None}, {}),
     "radars[2].type: must be one of types (filler), got 'fuller'; did": ({"type": "fuller"}, {}),
     "types.filler: must have the levels of its radars": ({}, {"types": {"filler": {"two": {}}}}),
+    "types.other: is the type of no radar": ({}, UNUSED),
     "noise_figure_db stands at a radar of this type too; giv": ({}, of_type(noise_figure_db=1)),
     "types.filler.one.aperture_m2: is not in the data sheet": ({}, of_type(aperture_m2=1)),
     "radars[2].uncertainty.one.constant: must have standard deviations by param": (NUMBER, {}),
