@@ -18,7 +18,7 @@ from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.propagation.staged import MANY
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
-from radar_sense.sources import Budget, Contribution, error_budget
+from radar_sense.sources import Budget, Contribution, error_budget, worth_most
 from radar_sense.states import CONSTANT, RCS_ERROR
 from radar_sense.words import describe_poses, probability
 
@@ -475,3 +475,13 @@ def test_an_interaction_within_two_standard_errors_is_noise(interaction, noise):
     )
     assert budget.interaction_is_noise("automatic") == noise
     assert not budget.interaction_is_noise("form")
+
+
+@pytest.mark.all_draws
+@pytest.mark.parametrize("seed", [1, 11, 13])
+def test_draws_do_not_choose_between_equal_sources(seed):
+    """A gain of the type off by 1 dB, there and back, is a cross section off by 2 dB."""
+    s = rs.load_scenario("configs/gap_fillers.yaml", {"analysis.seed": seed})
+    s = s.at_poses(slice(43, 44))
+    first, _ = worth_most(s, error_budget(s, "automatic"))
+    assert {c.name for c in first} == {"aircraft_rcs_s", "type_gap_filler_gain_dbi"}
