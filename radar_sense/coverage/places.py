@@ -33,7 +33,8 @@ HIDDEN = 0.5
 #: From draws (l,), and numbers of places (l,), to (5, l): ln of the signal over what is enough, how
 #: far within maximum range and horizon it is [m], how far above the mask [rad], by how much ln of
 #: the factors of the signal may rise at most, up to where R⁻⁴ alone makes up for too low a signal,
-#: and the part of a turn by which the azimuth of the RCS turns no more than by the whole.
+#: and the part of a lobe of the RCS by which the line of sight may turn: its azimuth then turns by
+#: no more than the lobe.
 Look: TypeAlias = Callable[[NDArray[np.intp], NDArray[np.intp]], FloatArray]
 
 
@@ -177,12 +178,12 @@ class Places:
     ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """Return the next place (l,) to look at, nearer than places (l,) that are not inside.
 
-        A place beyond a limit stays beyond it within the margin. Where S is too low, R⁻⁴ and the
-        largest rise of the factors may make up for it further in; no lobe is passed on the way.
-        But lobes of the antenna are passed where R⁻⁴ and rise do not make up for it in spite of all
-        errors of the place. A place that a mask hides stays hidden until the line of sight has
-        turned far enough. Also returned is where (l,) the mask hides the next place and all places
-        on the way to it.
+        A place beyond a limit stays beyond it within the margin. Where S is too low, it may be
+        enough further in by R⁻⁴ and the largest rise of the factors. The next place is no nearer
+        than that, and no lobe is passed on the way. Lobes of the antenna are passed where S is
+        surely too low in them, whatever the errors of the place. A place that a mask hides stays
+        hidden until the line of sight has turned far enough. Also returned is where (l,) the mask
+        hides the next place and all places on the way to it.
 
         Args:
             at: Numbers of the places.

@@ -19,7 +19,7 @@ from radar_sense.model.rcs_table import TableRCS
 from radar_sense.model.trajectory import MAX_ROWS, distance_flown, resample
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file import sections
-from radar_sense.scenario_file.build_radar import radars_of
+from radar_sense.scenario_file.build_radar import radars_of, refuse_unused_types
 from radar_sense.scenario_file.conversion import KM, covariance_of, on_earth, read_named
 from radar_sense.scenario_file.declare import read_word
 from radar_sense.scenario_file.place import Place
@@ -39,6 +39,7 @@ def build(file: sections.File, again: Callable[[Mapping[str, Any]], Scenario]) -
     rcs = {band: _rcs(own) for band, own in by_band.items()}
     geometry = _geometry(file)
     radars = radars_of(file, rcs, geometry)
+    refuse_unused_types(file)
     for radar in radars:
         _refuse_collision(file.geometry.place, geometry.whole, radar)
         _refuse_uncovered(file.geometry.place, geometry.whole, radar)

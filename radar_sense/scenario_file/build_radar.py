@@ -44,13 +44,10 @@ from radar_sense.states import POSITION, FloatArray
 def radars_of(file: sections.File, rcs: Mapping[str, RCS], geometry: Geometry) -> tuple[Radar, ...]:
     """Return the radars."""
     levels, place = file.uncertainty.radar, file.uncertainty.place
-    radars: tuple[Radar, ...]
     if file.radar is not None:
         if levels is None:
             raise place.error("missing key 'radar', required with 'radar'")
-        radars = (_radar(file.radar, levels, file, rcs, geometry),)
-        _refuse_unused_types(file, [file.radar])
-        return radars
+        return (_radar(file.radar, levels, file, rcs, geometry),)
     if levels is not None:
         raise place["radar"].error(
             "must be left out here: give 'uncertainty' of each radar in 'radars'"
@@ -63,14 +60,12 @@ def radars_of(file: sections.File, rcs: Mapping[str, RCS], geometry: Geometry) -
         if problem := name_problem(names, [*rcs], [*(file.types or {})]):
             raise at.error(problem)
         _refuse_other_levels(stated[0], radar)
-    radars = tuple(_radar(radar, radar.uncertainty, file, rcs, geometry) for radar in stated)
-    _refuse_unused_types(file, stated)
-    return radars
+    return tuple(_radar(radar, radar.uncertainty, file, rcs, geometry) for radar in stated)
 
 
-def _refuse_unused_types(file: sections.File, radars: Sequence[sections.Radar]) -> None:
+def refuse_unused_types(file: sections.File) -> None:
     """Raise InputError if a type is of no radar: its errors would be left out."""
-    used = [radar.type for radar in radars]
+    used = [radar.type for radar in (file.radar, *(file.radars or ())) if radar is not None]
     for name in file.types or {}:
         if name not in used:
             raise file.place["types"][name].error(
