@@ -151,9 +151,9 @@ class Places:
         while left.size:
             found, here = look(left, at[left]), at[left]
             looks[left] += 1
-            beyond = at_high[:, left]
             inside = np.all(found[:2] >= 0, axis=0)
-            inside |= (high[left] - here == 1) & _appears(found, beyond)
+            beside = high[left] - here == 1
+            inside[beside] |= _appears(found[:, beside], at_high[:, left[beside]])
             inside &= ~veiled[left]
             for which, end, values in ((inside, low, at_low), (~inside, high, at_high)):
                 end[left[which]], values[:, left[which]] = here[which], found[:, which]
@@ -162,14 +162,17 @@ class Places:
             high[hidden], at_high[:, hidden] = low[hidden], at_low[:, hidden]
             low[hidden] = -1
             left = left[high[left] - low[left] > 1]
-            ends = low[left], high[left]
-            between = self.below(self._edge(*ends, at_low[:, left], at_high[:, left]))
+            searching = low[left] < 0
+            further, between = left[searching], left[~searching]
+            at[further], veiled[further] = self._inward(
+                high[further], at_high[:, further], displaced[further], steepness
+            )
+            ends = low[between], high[between]
             if rounds % 3 == 2:  # where ln S is far from linear
-                between = (ends[0] + ends[1]) // 2
-            between = np.clip(between, ends[0] + 1, ends[1] - 1)
-            inward, behind = self._inward(ends[1], at_high[:, left], displaced[left], steepness)
-            searching = ends[0] < 0
-            at[left], veiled[left] = np.where(searching, inward, between), searching & behind
+                edge = sum(ends) // 2
+            else:
+                edge = self.below(self._edge(*ends, at_low[:, between], at_high[:, between]))
+            at[between] = np.clip(edge, ends[0] + 1, ends[1] - 1)
             rounds += 1
         return self._edge(low, high, at_low, at_high), looks
 
