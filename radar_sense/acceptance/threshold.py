@@ -115,6 +115,9 @@ class Decision:
         holds: Where both legs say that it holds (n,).
         violated: Where the draws say that it does not (n,).
         bound: Bound of P_D by the draws, on the side of the limit (n,).
+        probability: Probability of P_D beyond the limit (n,), by the draws or by the runs: by which
+            the standard error is less.
+        error: Its standard error (n,).
         runs: The runs of the path.
         wanted: Number of runs that "holds" needs.
     """
@@ -122,17 +125,14 @@ class Decision:
     holds: NDArray[np.bool_]
     violated: NDArray[np.bool_]
     bound: FloatArray
+    probability: FloatArray
+    error: FloatArray
     runs: Exceedance
     wanted: int
 
 
-def decide(
-    scenario: Scenario,
-    requirement: Requirement,
-    first: Estimate | None = None,
-    rows: NDArray[np.intp] | None = None,
-) -> Decision:
-    """Return what draws say of a requirement at each pose of a path, or at some rows.
+def decide(scenario: Scenario, requirement: Requirement, first: Estimate | None = None) -> Decision:
+    """Return what draws say of a requirement at each pose of a path.
 
     The chance of a false decision counts every stage of draws that there may be at a pose. It is
     therefore the same where the first stages are skipped, because their draws are given.
@@ -156,11 +156,15 @@ def decide(
         return (to_hold * error <= below) & consistent, to_violate * error < -below
 
     staged = StagedDraws.of_p_d(scenario.states(), requirement.k, requirement.limit, first)
-    drawn = staged.until(lambda some, found: np.logical_or(*decided(some, found)), LAST, rows)
+    drawn = staged.until(lambda some, found: np.logical_or(*decided(some, found)), LAST)
     holds, violated = decided(every, drawn)
     lower, upper = drawn.bounds[0]
     bound = lower if requirement.at_least else upper
-    return Decision(holds & (runs.runs >= wanted), violated, bound, runs, wanted)
+    (probability, error), of_runs = requirement.beyond(drawn), runs.error(runs.counts)
+    better = (error > 0) & (error < of_runs)  # by chance, all draws may agree
+    probability = np.where(better, probability, runs.probability)
+    error, holds = np.where(better, error, of_runs), holds & (runs.runs >= wanted)
+    return Decision(holds, violated, bound, probability, error, runs, wanted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,9 +211,7 @@ def path_test(scenario: Scenario, method: str, requirement: Requirement, band: B
 
     path = refinement.resolve(scenario, propagate, requirement, band)
     certain = (requirement.margin(path.band.p_d) < 0) & (requirement.probability is None)
-    # Draws change no verdict where P_D itself is beyond, but they may be the bound of `automatic`.
-    rows = None if method == AUTOMATIC else np.flatnonzero(~certain)
-    decision = decide(path.scenario, requirement, path.band.drawn, rows)
+    decision = decide(path.scenario, requirement, path.band.drawn)
     bound, by_draws = requirement.bound(path.band).copy(), path.band.error > 0
     beyond = requirement.margin(bound) < 0
     if method == AUTOMATIC:

@@ -17,6 +17,7 @@ from radar_sense.analyses.verdict import (
     beyond_in_words,
     condition,
     draw_limit,
+    highest_in_words,
     requirement,
     side,
     worst_band,
@@ -158,12 +159,12 @@ def _add_tests(result: Result, axis: Axis, tests: list[PathTest]) -> list[str]:
     holds, violated = verdicts == "holds", verdicts == "violated"
     unknown = ~holds & ~violated
     margin = np.array([tested.margin[tested.worst] for tested in tests])
-    highest = np.array([tested.decision.runs.probability.max() for tested in tests])
+    highest = np.array([tested.decision.probability.max() for tested in tests])
     add = result.table.add
     add("margin", margin, "How far the bound is within the limit.")
     add("violated", violated.astype(float), "1 where the test is violated at a pose, else 0.")
     add("not_known", unknown.astype(float), "1 where the test has no answer, else 0.")
-    meaning = "Largest probability of P_D beyond the limit at a pose, in runs of the path."
+    meaning = "Largest probability of P_D beyond the limit at a pose."
     add(f"probability_{side(required)}", highest, meaning)
     masks = {"holds": holds, "VIOLATED": violated, "NOT KNOWN": unknown}
     result.report += [f"{condition(required)} by {axis.name}:"]
@@ -176,11 +177,7 @@ def _add_tests(result: Result, axis: Axis, tests: list[PathTest]) -> list[str]:
     result.passed = bool(holds.any())
     lines = []
     for tested in tests:
-        beyond = tested.decision.runs
-        shown = f"in none of {beyond.runs:,} runs"
-        if beyond.counts.max():
-            shown = f"{words.probability(beyond.probability.max())} where it is highest"
-        chance = f"{beyond_in_words(required)} {shown}"
+        chance = f"highest {beyond_in_words(required)} {highest_in_words(tested)}"
         if not tested.path.resolved:
             chance = refinement.unresolved()
         worst = tested.path.scenario.axis.at(tested.worst)

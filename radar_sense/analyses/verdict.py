@@ -61,6 +61,16 @@ def beyond_in_words(required: Requirement) -> str:
     return f"P(P_D {'<' if required.at_least else '>'} {required.limit:g})"
 
 
+def highest_in_words(tested: PathTest) -> str:
+    """Return the highest probability of P_D beyond the limit at a pose."""
+    decision, runs = tested.decision, tested.decision.runs
+    highest = int(np.argmax(decision.probability))
+    value, error = decision.probability[highest], decision.error[highest]
+    if value < words.LEAST and not runs.counts.any():
+        return f"in none of {runs.runs:,} runs"
+    return f"{words.probability(value)} +/- {error:.1g}"
+
+
 def side(required: Requirement) -> str:
     """Return on which side of the limit P_D may not be."""
     return "below" if required.at_least else "above"
@@ -81,8 +91,8 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
     violated, unknown = tested.violated[rows].astype(float), tested.unknown[rows].astype(float)
     add("violated", violated, "1 where the test is violated, else 0.")
     add("not_known", unknown, "1 where the test has no answer, else 0.")
-    meaning = f"Share of the runs of the path with P_D {where} {limit}."
-    add(f"probability_{where}", tested.decision.runs.probability[rows], meaning)
+    meaning = f"Probability of P_D {where} {limit}, by draws or runs of the path."
+    add(f"probability_{where}", tested.decision.probability[rows], meaning)
     result.summary["threshold"] = _summary(tested, column)
     result.report[:0] = _report(tested)
     result.passed = tested.passed
@@ -96,9 +106,9 @@ def _unit(scenario: Scenario) -> str:
 
 def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     required, where = tested.requirement, side(tested.requirement)
-    axis, runs = tested.path.scenario.axis, tested.decision.runs
-    unit = _unit(tested.path.scenario)
-    highest = int(np.argmax(runs.counts))
+    axis, decision = tested.path.scenario.axis, tested.decision
+    unit, runs = _unit(tested.path.scenario), decision.runs
+    highest = int(np.argmax(decision.probability))
 
     def place(pose: int) -> dict[str, float]:
         return {axis.key: float(axis.values[pose])}
@@ -124,8 +134,8 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
         "first_violation": None if tested.first is None else place(tested.first),
         "worst_margin": {"value": float(tested.margin[tested.worst]), **place(tested.worst)},
         f"highest_probability_{where}": {
-            "value": float(runs.probability[highest]),
-            "standard_error": runs.error(int(runs.counts[highest])),
+            "value": float(decision.probability[highest]),
+            "standard_error": float(decision.error[highest]),
             **place(highest),
         },
         "runs": runs.runs,
@@ -137,7 +147,7 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     if runs.anywhere is not None:
         summary[f"probability_{where}_at_any_pose"] = {
             "value": runs.anywhere / runs.runs,
-            "standard_error": runs.error(runs.anywhere),
+            "standard_error": float(runs.error(runs.anywhere)),
             "runs": runs.runs,
         }
     if runs.time is not None:
@@ -249,17 +259,15 @@ def _why(tested: PathTest) -> str:
 
 def _probability_lines(tested: PathTest) -> list[str]:
     axis, runs = tested.path.scenario.axis, tested.decision.runs
-    highest = int(np.argmax(runs.counts))
-    count = int(runs.counts[highest])
-    limit = beyond_in_words(tested.requirement)
-    if not count and not runs.anywhere:
-        where = "" if tested.path.resolved else ", at the poses tested"
-        return [f"{limit}: in none of {runs.runs:,} runs{where}"]
-    places = words.describe_poses(runs.counts == count, axis)
-    line = f"{limit}: {words.probability(count / runs.runs)} +/- {runs.error(count):.1g} {places}"
+    probability = tested.decision.probability
+    line = f"{beyond_in_words(tested.requirement)}: {highest_in_words(tested)}"
+    if probability.max() < words.LEAST and not runs.counts.any():
+        return [line if tested.path.resolved else f"{line}, at the poses tested"]
+    alike = probability == probability.max()
+    line += f" {words.describe_poses(alike, axis)}"
     if len(axis) == 1 or not tested.path.resolved:
         return [line]
-    line += ", where it is highest" if np.any(runs.counts < count) else ""
+    line += "" if alike.all() else ", where it is highest"
     if runs.anywhere is None:
         scenario = tested.path.scenario
         missing = [] if scenario.correlation_s else ["uncertainty.aircraft_correlation_s"]

@@ -54,13 +54,13 @@ class Exceedance:
         """Probability of P_D beyond the limit at each pose (n,)."""
         return self.counts / self.runs
 
-    def error(self, count: float) -> float:
-        """Return the standard error of the share of a count of runs.
+    def error(self, count: int | NDArray[np.intp]) -> FloatArray:
+        """Return the standard error (...) of the share of a count of runs (...).
 
         One more run of each kind keeps the error above 0 if all runs agree.
         """
         share = (count + 1) / (self.runs + 2)
-        return math.sqrt(share * (1.0 - share) / self.runs)
+        return np.asarray(np.sqrt(share * (1.0 - share) / self.runs))
 
 
 def exceedance(

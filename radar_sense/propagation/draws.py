@@ -29,8 +29,6 @@ DRAWS = 1024
 ROWS, SEARCHED = BLOCK // DRAWS, 4 * BLOCK // DRAWS
 #: Width of a stratum [standard deviations]. Twice or a quarter of it hardly changes an error.
 STRATUM = 0.5
-#: A share of draws that is less than 1 by this is all of them, but for the rounding of weights.
-ROUNDING = 1e-12
 
 #: From j of the poses, and states (j, n, 6) and (j, n, 7m) at each of them, to values (j, n).
 Function: TypeAlias = Callable[[slice, FloatArray, FloatArray], FloatArray]
@@ -70,8 +68,7 @@ class Estimate:
     def below(self) -> tuple[FloatArray, FloatArray]:
         """P(P_D ≤ p_max) (k,), and its standard error (k,)."""
         above, error = self.above
-        rest = 1.0 - above
-        return np.where(rest <= ROUNDING, 0.0, rest), error
+        return 1.0 - above, error
 
     @classmethod
     def constant(cls, poses: int, value: float) -> Estimate:
@@ -229,10 +226,10 @@ class _Strata:
         That all draws of a stratum are inside, or none, may be chance. The greatest weight on the
         rarer side stands for this.
         """
-        share = np.minimum(np.sum(self.weights, axis=1, where=inside), 1.0)  # but for rounding
-        rarer = inside != (share > 0.5)[:, np.newaxis]
+        within, outside = (np.sum(self.weights, axis=1, where=w) for w in (inside, ~inside))
+        rarer = inside != (within > outside)[:, np.newaxis]
         heaviest = np.max(self.weights, axis=1, where=rarer, initial=0.0)
-        return share, np.hypot(self.error(inside.astype(float)), heaviest)
+        return within / (within + outside), np.hypot(self.error(rarer.astype(float)), heaviest)
 
     def _sum(self, values: FloatArray) -> FloatArray:
         """Return the sums (k, s) of values (k, n) in the strata."""

@@ -65,17 +65,16 @@ class StagedDraws:
         self,
         settled: Callable[[NDArray[np.intp], Estimate], NDArray[np.bool_]],
         most: int | NDArray[np.intp],
-        rows: NDArray[np.intp] | None = None,
     ) -> Estimate:
-        """Return what draws say of P_D, NaN at poses that are not among the rows.
+        """Return what draws say of P_D at each pose.
 
         More draws, but no more than `most` (k,), are made at poses (j,) where their estimate is not
         `settled` (j,).
         """
         k = len(self._at_first)
-        rows = np.arange(k) if rows is None else rows
+        rows = np.arange(k)
         drawn = Estimate.constant(k, np.nan)
-        self._draw(drawn, rows, self._at_first[rows])
+        self._draw(drawn, rows, self._at_first)
         while rows.size:
             rows = rows[~settled(rows, drawn.at(rows))]
             report("poses looked at by draws", k - rows.size, k)

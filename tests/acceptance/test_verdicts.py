@@ -144,7 +144,8 @@ def test_draws_decide(at_least):
             share, runs = np.mean(side * (p_d[:, pose] - limit) > 0), decision.runs
             assert decision.bound[0] == pytest.approx(quantile, abs=0.01)
             error = math.sqrt(share * (1 - share) * (1 / runs.runs + 1 / len(p_d)))
-            assert runs.probability[0] == pytest.approx(share, abs=4 * error)
+            for probability in (decision.probability[0], runs.probability[0]):
+                assert probability == pytest.approx(share, abs=4 * error)
             assert (decision.holds[0], decision.violated[0]) == (room > 0, room < 0)
         on_it = decide(one, Requirement(quantile, 2.0, at_least))
         assert not (on_it.holds[0] and on_it.violated[0])
@@ -161,6 +162,8 @@ def test_no_verdict_is_wrong_just_beside_the_limit(k):
     p_max = s.model.p_d(s.aircraft, np.add(s.radar, [0, 0, 0, 5 * k]))[0]
     found = decide(s, Requirement(float(p_max)))
     assert not (found.holds[0] if k < 3 else found.violated[0])
+    of_runs = found.runs.error(found.runs.counts[0])
+    assert abs(found.probability[0] - ndtr(-k)) < 4 * found.error[0] < of_runs
 
 
 @pytest.mark.usefixtures("few_judge")

@@ -45,7 +45,8 @@ def test_the_answer_of_a_threshold_is_where_it_holds():
     assert result.report[2].startswith("  100  P_D 0.8010, between ")
     above = result.table["probability_above"][0]
     assert 0.98 < above <= 1.0
-    assert result.report[2].endswith(f", P(P_D > 0.7) {above:.4f} where it is highest  violated")
+    assert result.report[2].endswith("  violated")
+    assert f", highest P(P_D > 0.7) {above:.4f} +/- " in result.report[2]
     assert not result.passed
     low = analyses.sweep(
         rs.load_scenario(), key="radar.constant", start=20, stop=200, step=90, threshold=0.9
