@@ -234,7 +234,7 @@ def choose(
     ratio = 1.0 - SHARE + SHARE * tails
     total = np.cumsum(share * ratio)
     level = (np.arange(draws) + generator.random()) / draws * total[-1]
-    chosen = generator.permutation(np.minimum(np.searchsorted(total, level), len(value) - 1))
+    chosen = generator.permutation(np.searchsorted(total, level))
     return chosen, 1.0 / ratio[chosen]
 
 
@@ -267,7 +267,6 @@ def combine(
         natural = np.sum(total[:, np.newaxis] <= level[..., np.newaxis], axis=-1)
         emphasized = (emphasis == radar) | (emphasis == radars)
         pick = np.where(emphasized, generator.permuted(even, axis=1), natural)
-        pick = np.minimum(pick, draws - 1)  # a level may round to the total
         mean = total[:, -1:] / draws
         ratio = mean / np.take_along_axis(weight, pick, axis=1)
         mass, one, every = mass * mean, one + ratio / radars, every * ratio

@@ -13,11 +13,9 @@ from radar_sense.states import FloatArray
 
 
 def correlate(normals: FloatArray, time: FloatArray, correlation_time: float) -> None:
-    """Overwrite independent unit normals (K, ...) with the normals of the process at times (K,)."""
-    step = np.diff(time)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # two looks at one time have one error, also at τ = 0
-        x = np.where(step > 0, step / correlation_time, 0.0)
+    """Overwrite independent unit normals (K, ...) by those of the process at rising times (K,)."""
+    with np.errstate(divide="ignore", over="ignore"):
+        x = np.diff(time) / correlation_time
     rho, innovation_std = np.exp(-x), np.sqrt(-np.expm1(-2.0 * x))
     for k in range(1, len(normals)):
         normals[k] *= innovation_std[k - 1]
