@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radar_sense.covariance import block_square_root, draws, problem, square_root
+from radar_sense.covariance import block_square_root, draws, first_wrong, problem, square_root
 
 
 def random_covariance(rng, size, rank):
@@ -52,6 +52,7 @@ def test_a_component_without_variance_stays_certain():
         ([[1, 1.01], [1.01, 1]], "not positive semidefinite"),
         ([[1, 0.1], [0.1, 0]], "without variance"),
         ([[0, 1e-12], [1e-12, 1]], "without variance"),
+        ([[1, 1e-6], [1e-6, 0]], "without variance"),
         # small numbers are no excuse: a correlation of 1.0001 between deviations of a micrometre
         ([[1e-12, 1.0001e-12], [1.0001e-12, 1e-12]], "not positive semidefinite"),
         # each pair is possible, the three together are not
@@ -61,7 +62,9 @@ def test_a_component_without_variance_stays_certain():
     ],
 )
 def test_matrices_that_are_no_covariances(matrix, says):
-    assert says in problem(np.array(matrix, dtype=float))
+    matrix = np.array(matrix, dtype=float)
+    assert says in problem(matrix)
+    assert first_wrong(np.stack([np.eye(len(matrix)), matrix])) == (1, problem(matrix))
 
 
 @pytest.mark.parametrize("per_pose", [False, True])

@@ -99,8 +99,9 @@ def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(
 
 
 @pytest.mark.usefixtures("few_judge")
-def test_the_mean_time_above_is_the_integral_of_the_probability(tmp_path):
-    """Only c_r is uncertain, by a tenth. The threshold is P_D at 73 km.
+@pytest.mark.parametrize(("error_m", "correlation_s"), [(0, 60), (10, math.inf)])
+def test_the_mean_time_above_is_the_integral_of_the_probability(tmp_path, error_m, correlation_s):
+    """Hardly more than c_r is uncertain, by a tenth. The threshold is P_D at 73 km.
 
     At a range R, P_D is above it if c_r is more than (R/73 km)⁴ times its nominal value. The flight
     ends at 75 km from the radar, and has few poses.
@@ -112,8 +113,8 @@ def test_the_mean_time_above_is_the_integral_of_the_probability(tmp_path):
         aircraft__rcs={"model": "constant", "rcs_m2": 1},
         radar={"position_m": [0, 0, 0], "constant": c_r, "p_fa": 1e-6, "detector": "swerling1"},
         uncertainty={
-            "aircraft": {"position_m": 0, "attitude_deg": 0},
-            "aircraft_correlation_s": 60,
+            "aircraft": {"position_m": error_m, "attitude_deg": 0},
+            "aircraft_correlation_s": correlation_s,
             "radar": {"medium": {"position_m": 0, "constant": 0.1 * c_r}},
         },
     )

@@ -75,6 +75,7 @@ def test_the_error_of_the_interaction_is_its_spread_over_seeds():
     budgets = [
         error_budget(s.with_analysis(runs=256, seed=seed), "montecarlo") for seed in range(40)
     ]
+    assert all(np.isfinite(s.std).all() for b in budgets for s in b.sources.values())
     found, errors = np.array(
         [(b.interaction.share[0], b.interaction.share_error[0]) for b in budgets]
     ).T
