@@ -108,12 +108,9 @@ class Moments(Band):
 
     @classmethod
     def of(cls, found: Distribution, beta: float) -> Moments:
-        """Return the values of a distribution. All are P_D where nothing is uncertain."""
+        """Return the values of a distribution, with bounds at Φ(−β) and Φ(β)."""
         mean, std = found.mean, found.std  # first, because these may have the bounds by the way
-        values = vars(Band.of(found, beta))
-        certain = (std == 0) & (values["error"] == 0)  # draws may have bounds where FORM has no σ
-        bounds = {end: np.where(certain, found.p_d, values[end]) for end in ("lower", "upper")}
-        return cls(**values | bounds, mean=mean, std=std)
+        return cls(**vars(Band.of(found, beta)), mean=mean, std=std)
 
 
 def propagate(
