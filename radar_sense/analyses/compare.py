@@ -135,10 +135,7 @@ def compare(
         farthest = {m: words.probability(largest[m]["bounds"]["value"]) for m in whole}
         best = [m for m in whole if farthest[m] == min(farthest.values(), key=float)]
         nearest = f"nearest to {draws:,} draws a pose: {words.listed(best)}"
-        nearest += f", bounds within {bounds[best[0]]}"
-        if noise["value"] > float(farthest[best[0]]):
-            nearest += "; the noise of the draws is larger, see below"
-        result.report.insert(0, nearest)
+        result.report.insert(0, f"{nearest}, bounds within {bounds[best[0]]}")
     result.summary |= {
         "runs": draws,
         "k": k,
@@ -175,17 +172,21 @@ def _difference(
     """Return the largest difference of values from those by draws, with its places.
 
     Whether the draws tell a difference from their noise at any pose follows, and the largest in
-    words.
+    words: it may be noise where a smaller one at another pose is not.
     """
     values, by_draws, noise = (
         np.stack([getattr(x, name) for name in names]) for x in (m, drawn, error)
     )
-    distance, noise = abs(values - by_draws), np.maximum(ERRORS * noise, words.LEAST)
-    top, told = words.peak(distance.max(axis=0), axis), bool((distance > noise).any())
+    distance = abs(values - by_draws)
+    top, told = (
+        words.peak(distance.max(axis=0), axis),
+        distance > np.maximum(ERRORS * noise, words.LEAST),
+    )
     if np.isnan(top["value"]):
         return top, False, "undefined"
     text = words.describe_extreme(top, axis)
-    return top, told, text if told else f"{text} (noise)"
+    is_noise = top["value"] >= words.LEAST and not told[distance == distance.max()].any()
+    return top, bool(told.any()), f"{text} (noise)" if is_noise else text
 
 
 def _draw(

@@ -293,6 +293,23 @@ def test_compare_tells_a_difference_of_four_standard_errors(
     assert "--method montecarlo" not in result.report[0]
 
 
+def test_compare_judges_the_largest_difference_by_the_noise_at_its_pose(monkeypatch):
+    """The draws are made up, and tell a small difference at one pose but not a large at another."""
+    s = scenario(geometry__azimuth_deg={"start": 45, "stop": 60, "step": 15})
+    linear = propagate_scenario(s, method="linear")
+    nothing = np.zeros(2)
+    drawn = DrawStatistics(
+        linear.mean, linear.std, np.add(linear.lower, [0.02, 1e-3]), linear.upper
+    )
+    made_up = 1024, drawn, DrawStatistics(nothing, nothing, np.array([0.01, 1e-4]), nothing)
+    module = sys.modules["radar_sense.analyses.compare"]
+    monkeypatch.setattr(module, "_draw_tails", lambda *_: made_up)
+    result = analyses.compare(s)
+    row = next(line for line in result.report if line.startswith("  linear"))
+    assert row.count("(noise)") == row.count("0.0200 at 45 deg (noise)") == 1
+    assert "linear" in result.summary["methods_told"]
+
+
 def test_compare_takes_draws_as_the_poses_allow():
     few = load_scenario().at_poses(slice(0, 2))
     assert analyses.compare(few).summary["runs"] == 2**17
