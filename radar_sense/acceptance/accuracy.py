@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.acceptance.requirement import Requirement
+from radar_sense.acceptance.threshold import TO_HOLD
 from radar_sense.axis import reached
 from radar_sense.cost import FIRST_ORDER
 from radar_sense.progress import report
@@ -44,9 +45,8 @@ STEP = float(np.log(4.0))
 #: in ln of the bracket that ends their search. Beside a limit in reach σ is large over more than a
 #: decade: from errors of a third of the distance to the limit to errors of several ranges.
 WAY, NEAR = float(np.log(10.0)) / 2.0, 0.005
-#: Standard errors by which draws are sure that a limit is exceeded, and by which a factor that they
-#: alone find must meet it: a normal error is beyond 3 with a probability of 0.1 %.
-SURE, PROOF = 5.0, 3.0
+#: Standard errors by which draws are sure that a limit is exceeded.
+SURE = 5.0
 #: `RequiredAccuracy.residual_from` where P_D at the nominal states is beyond the limit.
 P_D_ITSELF = "P_D itself"
 #: Factors are searched from a millionth to a million. A larger factor counts as infinite, and a
@@ -150,7 +150,7 @@ class _Search:
 
     def required(self, names: tuple[str, ...]) -> RequiredAccuracy:
         """Return the largest factor by the method, or by draws where they disagree."""
-        factor, known = self._confirmed(names, *self._largest(names))
+        factor, known = self._confirmed(names, *self._largest(names, self.limit))
         finite_factor = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
         values = self.values(names, finite_factor)
         pose = int(np.argmax(reached(np.nan_to_num(values, nan=np.inf))))
@@ -166,7 +166,7 @@ class _Search:
                 # by FORM a bound grows without end; P_D stops at a limit or the end of a tolerance;
                 # where little room is left for the source, FORM may be off by as much
                 room = self.limit - float(np.max(self.critical_values(names, 0.0)))
-                known &= bool(residual >= self.limit - self._off and room > self._off)
+                known &= bool(np.any(drawn + SURE * errors >= self.limit) and room > self._off)
         return RequiredAccuracy(
             factor=factor,
             residual=float(1.0 - residual if self.of_miss else residual),
@@ -178,7 +178,7 @@ class _Search:
             ),
         )
 
-    def _largest(self, names: tuple[str, ...]) -> tuple[float | None, bool]:
+    def _largest(self, names: tuple[str, ...], limit: float) -> tuple[float | None, bool]:
         """Return the largest factor by the method, and whether larger factors have a value."""
         from scipy.optimize import brentq  # slow to import
 
@@ -191,7 +191,7 @@ class _Search:
             if np.isnan(value):
                 undefined.append(log_factor)
                 return 1.0
-            return value - self.limit
+            return value - limit
 
         low = high = 0.0
         if excess(-np.inf) > 0.0 and excess(0.0) > 0.0:
@@ -224,7 +224,7 @@ class _Search:
         if smaller and self._agrees(names, 0.0, self.limit):
             factor = None  # FORM asks for more than the draws of the threshold test do
         holds = cache(lambda at: self._holds(names, at))
-        start, last = 0.0, LARGEST_LOG_FACTOR
+        start, last, nearer = 0.0, LARGEST_LOG_FACTOR, None
         if factor:
             last = min(float(np.log(factor)), last)
             # beside its greatest values P_D hardly changes where its probability changes much
@@ -237,14 +237,18 @@ class _Search:
                 if factor == np.inf or not self._strict(names, last):
                     return factor, known
                 start, last = last, LARGEST_LOG_FACTOR
+            else:  # the method may be off by as much
+                nearer, _ = self._largest(names, self.limit - self._off)
         else:
             if known and self.method != AUTOMATIC:
                 return factor, known
             certain = holds(-np.inf)
             if not (certain or self.beyond or holds(0.0)):
                 return None, certain is False and not self._relieves(names)
-        low = None
-        for high in _on_the_way(start, last):
+        low, judged = None, _on_the_way(start, last)
+        if nearer:
+            judged = sorted([*judged, min(float(np.log(nearer)), last)])
+        for high in judged:
             if not holds(high):
                 break
             low = high
@@ -295,7 +299,7 @@ class _Search:
             excess, errors = self._excess(names, log_factor, self.limit, MANY, rows)
         if np.any(excess > SURE * errors):
             return False
-        return True if np.all(excess <= -PROOF * errors) else None
+        return True if np.all(excess <= -TO_HOLD * errors) else None
 
     @cached_property
     def _present(self) -> tuple[FloatArray, FloatArray]:
@@ -377,8 +381,11 @@ class _Search:
         """The limit, and by how much draws may exceed it that confirm a factor by a method.
 
         Their 3σ may exceed it by `STD_CHANGE` of it of a method of first order, as elsewhere, and
-        of others by `NEAR` of it, the standard error of the draws.
+        of others by `NEAR` of it, the standard error of the draws. A bound by `automatic` may not:
+        the threshold test would not hold at the factor.
         """
+        if self.method == AUTOMATIC and self.k is not None:
+            return self.limit
         exact = self.k is None and self.method not in FIRST_ORDER
         return self.limit + (NEAR * self.limit if exact else self._off)
 

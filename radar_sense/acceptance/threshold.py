@@ -42,6 +42,8 @@ from radar_sense.states import FloatArray
 
 #: Probability of a false "holds" of a path by each of the two legs: 0.1 % together.
 CHANCE = 0.0005
+#: Standard errors by which draws of a stage must meet a limit to hold.
+TO_HOLD = float(ndtri(1.0 - CHANCE / len(LADDER)))
 #: Probability at one pose that plain runs contradict draws that are right. More draws are then made
 #: at the pose.
 ALARM = 1e-4
@@ -141,8 +143,7 @@ def decide(scenario: Scenario, requirement: Requirement, first: Estimate | None 
     wanted = math.ceil(math.log(CHANCE) / math.log1p(-tail))
     runs = exceedance(scenario, requirement.margin, wanted)
     every = np.arange(poses)
-    chance = CHANCE / len(LADDER)  # of every stage
-    to_hold, to_violate = ndtri(1.0 - chance), ndtri(1.0 - chance / poses)
+    to_violate = ndtri(1.0 - CHANCE / (len(LADDER) * poses))
 
     def decided(
         some: NDArray[np.intp], found: Estimate
@@ -153,7 +154,7 @@ def decide(scenario: Scenario, requirement: Requirement, first: Estimate | None 
         # as many runs or more are beyond the limit with this probability, if the draws are right
         counts, most = runs.counts[some], runs.runs * (beyond + 3.0 * error)
         consistent = (counts == 0) | (pdtrc(counts - 1.0, most) > ALARM)
-        return (to_hold * error <= below) & consistent, to_violate * error < -below
+        return (TO_HOLD * error <= below) & consistent, to_violate * error < -below
 
     staged = StagedDraws.of_p_d(scenario.states(), requirement.k, requirement.limit, first)
     drawn = staged.until(lambda some, found: np.logical_or(*decided(some, found)), LAST)
