@@ -42,8 +42,9 @@ LEAST_STEP = 1e-3
 #: Most poses between the rows of a flight.
 MAX_POSES = 20_000
 #: P_D and its bound may differ from straight lines between poses by the smaller of
-#: RELATIVE_TOLERANCE · the room of the limit and TOLERANCE.
-RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
+#: RELATIVE_TOLERANCE · the room of the limit and TOLERANCE. A bound within the limit may differ by
+#: no more than its distance to the limit, down to CLOSEST of this.
+RELATIVE_TOLERANCE, TOLERANCE, CLOSEST = 0.01, 0.002, 1.0 / 16.0
 #: Decimals of the places of closest points and crossings, and a unit of the last one.
 DECIMALS = 6
 UNIT = 10.0**-DECIMALS
@@ -110,9 +111,11 @@ def refined(
     """Return a scenario with poses added until P_D and its bound are linear between poses.
 
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
-    tolerance of straight lines. Second differences estimate the distance from the lines. Two
-    standard errors of a bound are no bend. P_D is not resolved if this takes more than `MAX_POSES`
-    poses. If the places alone are more, only the place with the least margin of P_D is added.
+    tolerance of straight lines, and a bound near the limit within less, see `CLOSEST`: it may be
+    beyond the limit in the middle of a step. Second differences estimate the distance from the
+    lines. Two standard errors of a bound are no bend. P_D is not resolved if this takes more than
+    `MAX_POSES` poses. If the places alone are more, only the place with the least margin of P_D is
+    added.
     """
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
     order, most = -1 if given[0] > given[-1] else 1, len(given) + MAX_POSES
@@ -129,9 +132,12 @@ def refined(
             ranked = np.argsort(order * place)
             band = Band.join([band, propagate(along(scenario, new))]).at(ranked)
             place = place[ranked]
-        noise = 2.0 * np.maximum(band.error[1:], band.error[:-1])
+        noise, bound = 2.0 * np.maximum(band.error[1:], band.error[:-1]), requirement.bound(band)
+        margin = requirement.margin(bound)
+        margin = np.minimum(margin[1:], margin[:-1])
+        near = np.clip(margin, CLOSEST * tolerance, tolerance)
         bent = _bend(place, band.p_d) > tolerance
-        bent |= _bend(place, requirement.bound(band)) > tolerance + noise
+        bent |= _bend(place, bound) > np.where(margin >= 0, near, tolerance) + noise
         new = _middles(place)[bent & (abs(np.diff(place)) > shortest)]
         resolved &= len(place) + len(new) < most
         if not (resolved and new.size):

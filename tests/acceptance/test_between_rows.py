@@ -299,3 +299,25 @@ def test_an_error_towards_the_radar_in_one_of_many_rows(tmp_path):
     found = analyses.variance(scenario, threshold=limit).summary["threshold"]
     assert found["verdict"] == "violated"
     assert found["first_violation"]["time_s"] == pytest.approx(44.0, abs=0.6)
+
+
+def test_a_bound_that_flattens_near_one_is_beyond_the_limit_between_poses():
+    """The lobe's top is a degree from the nearest of the even poses, and 0.0005 above the limit."""
+    s = rs.parse_scenario("""
+        name: top
+        radar: {position_m: [0, 0, 0], constant: 0.03905, p_fa: 1e-6, detector: marcum}
+        aircraft: {rcs: {model: spikeball, lobes: 8, amplitude_m2: 0.764, floor_m2: 0.056},
+                   attitude_deg: [0, 0, 324.43]}
+        geometry: {type: orbit, range_km: 100, down_km: -5,
+                   azimuth_deg: {start: 44.57, stop: 84.57, step: 10}}
+        uncertainty: {aircraft: {position_m: 16.75, attitude_deg: [0.08375, 0.08375, 0.80735]},
+                      radar: {l: {position_m: 16.75, constant: 0.000685075}}}
+        analysis: {level: l}
+    """)
+    assert analyses.variance(s, threshold=0.9581, k=2).summary["threshold"]["verdict"] == "violated"
+    at_top = s.along(s.geometry.at(np.array([58.07])))
+    states, rng = at_top.states(), np.random.default_rng(1)
+    errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft, 200_000)
+    radars = states.radars_at(rng.standard_normal((200_000, states.radar_normals)))
+    p_d = s.model.unchecked_p_d(at_top.aircraft[0] + errors, radars)
+    assert np.mean(p_d > 0.9581) > 1.1 * ndtr(-2)
