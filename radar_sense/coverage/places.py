@@ -46,11 +46,16 @@ class Places:
         distance: Distances (k,), ascending [m].
         lobes: Number (2, k) of lobes of the RCS, and of the antenna, from the first place on.
         turn: Turn (k,) of the line of sight from the first place on [rad].
+        way: Length (k,) of the way of the aircraft from the first place on [m]. With an origin it
+            is longer than the distance, because the aircraft follows the round earth.
+        slant: Slant range (k,) [m].
     """
 
     distance: FloatArray
     lobes: FloatArray
     turn: FloatArray
+    way: FloatArray
+    slant: FloatArray
 
     @classmethod
     def along(cls, around: Rays) -> Places:
@@ -61,8 +66,11 @@ class Places:
             coarse = np.max(passed, axis=0) > PART
             coarse &= np.diff(distance) > CLOSE * distance[1:]  # the heading turns over a pole
             if len(distance) >= MOST or not coarse.any():
-                lobes = np.insert(np.cumsum(passed, axis=1), 0, 0.0, axis=1)
-                return cls(distance, lobes, np.insert(np.cumsum(turn), 0, 0.0))
+                (states,) = around.part(slice(0, 1)).states(distance[np.newaxis])
+                steps = np.linalg.norm(np.diff(states[:, POSITION], axis=0), axis=1)
+                sums = (np.cumsum(x, axis=-1) for x in (passed, turn, steps))
+                lobes, turn, way = (np.insert(x, 0, 0.0, axis=-1) for x in sums)
+                return cls(distance, lobes, turn, way, slant_range(states, around.scenario.radar))
             middle = np.sqrt(distance[1:] * distance[:-1])[coarse]
             distance = np.sort(np.append(distance, middle))
 
@@ -181,9 +189,10 @@ class Places:
     ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """Return the next place (l,) to look at, nearer than places (l,) that are not inside.
 
-        A place beyond a limit stays beyond it within the margin. Where S is too low, it may be
-        enough further in by R⁻⁴ and the largest rise of the factors. The next place is no nearer
-        than that, and no lobe is passed on the way. Lobes of the antenna are passed where S is
+        A place beyond a limit stays beyond it on a way of the margin. Where S is too low, it may be
+        enough further in by R⁻⁴ and the largest rise of the factors. The slant range falls by no
+        more than the way. The next place is no nearer than that, and no lobe is passed on the way.
+        Lobes of the antenna are passed where S is
         surely too low in them, whatever the errors of the place. A place that a mask hides stays
         hidden until the line of sight has turned far enough. Also returned is where (l,) the mask
         hides the next place and all places on the way to it.
@@ -195,11 +204,13 @@ class Places:
             steepness: That of the mask.
         """
         excess, margin, clearance, rise, lobe = values
-        distance = self.distance[at]
-        limit = np.searchsorted(self.distance, distance + np.minimum(margin, 0.0))
-        part = np.exp(np.clip(excess + rise, -100.0, 0.0) / 4.0)
-        strong = self.below(distance * part)
-        surely = self.below(displaced + np.maximum(distance - displaced, 0.0) * part)
+        way, slant = self.way[at], self.slant[at]
+        limit = np.searchsorted(self.way, way + np.minimum(margin, 0.0))
+        fall = 1.0 - np.exp(np.clip(excess + rise, -100.0, 0.0) / 4.0)
+        strong, surely = (
+            np.searchsorted(self.way, way - fall * r, side="right") - 1
+            for r in (slant, np.maximum(slant - displaced, 0.0))
+        )
         of_rcs, of_antenna = (
             np.searchsorted(lobes, lobes[at] - step)
             for lobes, step in zip(self.lobes, (self.step * lobe, PART), strict=True)

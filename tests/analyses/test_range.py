@@ -127,10 +127,10 @@ def plain_ranges(s, low, high, p_d=0.5, draws=10_000, steps=500, seed=1):
     return found
 
 
-def assert_as_drawn(found, drawn, rel=0.01):
+def assert_as_drawn(found, drawn, rel=0.01, k=3):
     """Bounds agree with plain draws to `rel` and four standard errors, and σ to 7 %."""
-    noise = 4 * math.sqrt(ndtr(-3) / len(drawn))
-    for end, tail in ((found.lower, ndtr(-3)), (found.upper, ndtr(3))):
+    noise = 4 * math.sqrt(ndtr(-k) / len(drawn))
+    for end, tail in ((found.lower, ndtr(-k)), (found.upper, ndtr(k))):
         assert np.mean(drawn < (1 - rel) * end) - noise <= tail
         assert tail <= np.mean(drawn <= (1 + rel) * end) + noise
     assert found.std == pytest.approx(np.std(drawn), rel=0.07)
@@ -398,7 +398,7 @@ def test_what_is_seen_only_between_two_places_ends_at_the_limit():
         visible = within
 
     line, ray = distance[np.newaxis], Rising()
-    places = Places(distance, np.zeros((2, 64)), np.zeros(64))
+    places = Places(distance, np.zeros((2, 64)), np.zeros(64), distance, distance)
     reach = Survey(ray, places, ray.p_d(line), ray.within(line)).reach(0.5)
     assert reach.distance == pytest.approx([limit])
     assert reach.limited.all()
@@ -774,6 +774,45 @@ def test_a_search_misses_no_range(tmp_path, beam, rcs, attitude_deg, down_km, er
         assert np.mean(drawn < 0.985 * end) - noise <= tail
         assert tail <= np.mean(drawn <= 1.015 * end) + noise
     assert np.isnan(found.std) or found.std == pytest.approx(drawn.std(), rel=0.05)
+
+
+@pytest.mark.all_draws
+@pytest.mark.parametrize(
+    ("beam", "tilt", "limit"),
+    [
+        ("-2,-40 -1,-20 -0.5,-10 0,0 0.5,-10 1,-20 2,-40", (3.35, 0.05), ""),
+        ("-10,-25 0,0 10,-25", (4, 0.5), "horizon: true,"),
+    ],
+)
+def test_a_search_misses_no_beam_over_the_round_earth(tmp_path, beam, tilt, limit):
+    """The slant range falls faster than the distance in the level plane of the radar."""
+    (tmp_path / "beam.csv").write_text("\n".join(["elevation_deg,gain_db", *beam.split()]))
+    (tmp_path / "route.csv").write_text(
+        "time_s,latitude_deg,longitude_deg,altitude_m\n0,0.3,0,3000\n100,0.2,0.1,3000\n"
+    )
+    (tmp_path / "my.yaml").write_text(f"""
+        name: beam
+        aircraft: {{rcs: {{model: constant, rcs_m2: 1}}}}
+        geometry: {{type: path, file: route.csv,
+                   origin: {{latitude_deg: 0, longitude_deg: 0, altitude_m: 0}}}}
+        uncertainty: {{aircraft: {{position_m: 100, attitude_deg: 1}},
+                      radar: {{l: {{position_m: 5, constant: 1e-4, tilt_deg: {tilt[1]}}}}}}}
+        radar: {{position_geodetic: {{latitude_deg: 0, longitude_deg: 0, altitude_m: 20}},
+                p_fa: 1e-6, constant: 1e-3, detector: north, {limit}
+                elevation_gain: {{file: beam.csv}}, tilt_deg: {tilt[0]}}}
+        analysis: {{level: l}}
+    """)
+    s = rs.load_scenario(tmp_path / "my.yaml")
+    north = rays(s, np.zeros(1), by_aspect=False, down=None, course=None)
+    found = range_at(survey(north), 0.5, "automatic", 2.0)
+    rng, states = np.random.default_rng(1), s.states()
+    radars = states.radars_at(rng.standard_normal((10_000, states.radar_normals)))
+    errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft[0], 10_000)
+    drawn = np.zeros(10_000)
+    for distance in np.linspace(25e3, 60e3, 500)[:, np.newaxis]:
+        aircraft = north.states(distance) + errors
+        drawn[s.model.unchecked_p_d(aircraft, radars) >= 0.5] = north.slant_range(distance)[0]
+    assert_as_drawn(found, drawn, rel=0.015, k=2)
 
 
 @pytest.mark.all_draws
