@@ -163,10 +163,9 @@ class _Search:
             largest = int(np.argmax(reached(found)))
             pose, residual = int(rows[largest]), found[largest]
             if factor and factor < np.inf:
-                # by FORM a bound grows without end; P_D stops at a limit or the end of a tolerance;
                 # where little room is left for the source, FORM may be off by as much
                 room = self.limit - float(np.max(self.critical_values(names, 0.0)))
-                known &= bool(np.any(drawn + SURE * errors >= self.limit) and room > self._off)
+                known &= room > self._off
         return RequiredAccuracy(
             factor=factor,
             residual=float(1.0 - residual if self.of_miss else residual),
@@ -224,7 +223,7 @@ class _Search:
         if smaller and self._agrees(names, 0.0, self.limit):
             factor = None  # FORM asks for more than the draws of the threshold test do
         holds = cache(lambda at: self._holds(names, at))
-        start, last, nearer = 0.0, LARGEST_LOG_FACTOR, None
+        start, last, off = 0.0, LARGEST_LOG_FACTOR, 0.0
         if factor:
             last = min(float(np.log(factor)), last)
             # beside its greatest values P_D hardly changes where its probability changes much
@@ -234,11 +233,12 @@ class _Search:
             # FORM may be within the limit where the draws of the threshold test do not find it
             doubted = self.method == AUTOMATIC and self.k is not None and not smaller
             if agree and not (doubted and not holds(0.0)):
-                if factor == np.inf or not self._strict(names, last):
+                final = factor == np.inf or self.method != AUTOMATIC
+                if final or not (self._strict(names, last) if self.k is None else holds(last)):
                     return factor, known
-                start, last = last, LARGEST_LOG_FACTOR
-            else:  # the method may be off by as much
-                nearer, _ = self._largest(names, self.limit - self._off)
+                start, last, off = last, LARGEST_LOG_FACTOR, self._off
+            else:
+                off = -self._off
         else:
             if known and self.method != AUTOMATIC:
                 return factor, known
@@ -246,8 +246,10 @@ class _Search:
             if not (certain or self.beyond or holds(0.0)):
                 return None, certain is False and not self._relieves(names)
         low, judged = None, _on_the_way(start, last)
-        if nearer:
-            judged = sorted([*judged, min(float(np.log(nearer)), last)])
+        if off:  # the method may be off by as much at the factor
+            guess, _ = self._largest(names, self.limit + off)
+            if guess:
+                judged = sorted([*judged, min(float(np.log(guess)), last)])
         for high in judged:
             if not holds(high):
                 break
@@ -276,14 +278,11 @@ class _Search:
         return bool(np.all(self._excess(names, log_factor, limit, PRECISE)[0] <= 0.0))
 
     def _strict(self, names: tuple[str, ...], log_factor: float) -> bool:
-        """Return whether draws find values below the limit, where FORM finds one at the limit.
+        """Return whether 3σ by draws is below the limit, where FORM finds it at the limit.
 
-        σ by FORM is too large where c_r may come near 0, and a bound between narrow lobes.
+        σ by FORM is too large where c_r may come near 0.
         """
-        if self.method != AUTOMATIC:
-            return False
-        limit = (1.0 - NEAR) * self.limit if self.k is None else self.limit - self._off
-        excess, errors = self._excess(names, log_factor, limit, PRECISE)
+        excess, errors = self._excess(names, log_factor, (1.0 - NEAR) * self.limit, PRECISE)
         return bool(np.all(excess < -SURE * errors))
 
     def _holds(
