@@ -20,8 +20,8 @@ from radar_sense.cost import FIRST_ORDER
 from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
-from radar_sense.propagation.draws import Estimate, estimate
-from radar_sense.propagation.staged import LAST, MANY, PRECISE, StagedDraws
+from radar_sense.propagation.draws import Estimate, estimate, tail_probability
+from radar_sense.propagation.staged import LAST, MANY, PRECISE, StagedDraws, draws_at_first
 from radar_sense.scenario import Scenario
 from radar_sense.sources import (
     FINER,
@@ -324,23 +324,29 @@ class _Search:
 
         A bound is exceeded where P_D exceeds the limit with more than the probability of the bound.
         """
-        factor = float(np.exp(log_factor))
+        factor, k = float(np.exp(log_factor)), self.k
         rows = self.rows(names, factor) if rows is None else rows
-        most = limit if self.k is None else float(ndtr(-self.k))
+        states = scaled(self.scenario, names, factor).at(rows)
+
+        def draw(some: NDArray[np.intp], draws: int) -> Estimate:
+            if k is None:
+                return estimate(states.at(some), draws, 3.0)
+            beta, p_max = (-k, 1.0 - limit) if self.of_miss else (k, limit)
+            tail = tail_probability(states.at(some), draws, beta, p_max)
+            return Estimate.of_tail(*tail, draws)
 
         def compared(found: Estimate) -> tuple[FloatArray, FloatArray]:
-            values, errors = found.below if self.of_miss else found.above
-            if self.k is None:
+            if k is None:
                 values, errors = self._value(found)
-            return values - most, errors
+                return values - limit, errors
+            tail, errors = found.above
+            return tail - float(ndtr(-k)), errors
 
         def settled(_: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
             excess, errors = compared(found)
             return np.asarray((abs(excess) >= SURE * errors) | np.any(excess > SURE * errors))
 
-        changed = scaled(self.scenario, names, factor).at(rows)
-        p_max = 1.0 - limit if self.of_miss else limit
-        staged = StagedDraws.of_p_d(changed, self.k or 3.0, np.nan if self.k is None else p_max)
+        staged = StagedDraws(draw, draws_at_first(states))
         return compared(staged.until(settled, draws))
 
     def _rows(self, names: tuple[str, ...], factor: float) -> NDArray[np.intp]:

@@ -76,6 +76,13 @@ class Estimate:
         return cls(np.full((5, poses), value), np.full((5, poses), value), np.full(poses, value))
 
     @classmethod
+    def of_tail(cls, tail: FloatArray, error: FloatArray, draws: int) -> Estimate:
+        """Return an estimate of a probability of a tail (k,) alone, in the place of `above`."""
+        found = cls.constant(len(tail), np.nan)
+        found.values[4], found.errors[4], found.draws[:] = tail, error, draws
+        return found
+
+    @classmethod
     def join(cls, parts: Sequence[Estimate]) -> Estimate:
         """Return the values at the poses of all parts, one part after the other."""
         arrays = zip(*(vars(part).values() for part in parts), strict=True)
