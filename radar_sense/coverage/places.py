@@ -192,10 +192,10 @@ class Places:
         A place beyond a limit stays beyond it on a way of the margin. Where S is too low, it may be
         enough further in by R⁻⁴ and the largest rise of the factors. The slant range falls by no
         more than the way. The next place is no nearer than that, and no lobe is passed on the way.
-        Lobes of the antenna are passed where S is
-        surely too low in them, whatever the errors of the place. A place that a mask hides stays
-        hidden until the line of sight has turned far enough. Also returned is where (l,) the mask
-        hides the next place and all places on the way to it.
+        Lobes of the antenna are passed where S is surely too low in them, whatever the errors of
+        the place. A place that a mask hides stays hidden until the line of sight has turned far
+        enough. Also returned is where (l,) the mask hides the next place and all places on the way
+        to it.
 
         Args:
             at: Numbers of the places.
