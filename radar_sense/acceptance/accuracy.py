@@ -20,8 +20,8 @@ from radar_sense.cost import FIRST_ORDER
 from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
-from radar_sense.propagation.draws import Estimate, estimate, tail_probability
-from radar_sense.propagation.staged import LAST, MANY, PRECISE, StagedDraws, draws_at_first
+from radar_sense.propagation.draws import Estimate, estimate
+from radar_sense.propagation.staged import LAST, MANY, PRECISE, StagedDraws
 from radar_sense.scenario import Scenario
 from radar_sense.sources import (
     FINER,
@@ -327,13 +327,12 @@ class _Search:
         factor, k = float(np.exp(log_factor)), self.k
         rows = self.rows(names, factor) if rows is None else rows
         states = scaled(self.scenario, names, factor).at(rows)
-
-        def draw(some: NDArray[np.intp], draws: int) -> Estimate:
-            if k is None:
-                return estimate(states.at(some), draws, 3.0)
-            beta, p_max = (-k, 1.0 - limit) if self.of_miss else (k, limit)
-            tail = tail_probability(states.at(some), draws, beta, p_max)
-            return Estimate.of_tail(*tail, draws)
+        if k is None:
+            staged = StagedDraws.of_p_d(states, 3.0)
+        elif self.of_miss:
+            staged = StagedDraws.of_tail(states, -k, 1.0 - limit)
+        else:
+            staged = StagedDraws.of_tail(states, k, limit)
 
         def compared(found: Estimate) -> tuple[FloatArray, FloatArray]:
             if k is None:
@@ -346,7 +345,6 @@ class _Search:
             excess, errors = compared(found)
             return np.asarray((abs(excess) >= SURE * errors) | np.any(excess > SURE * errors))
 
-        staged = StagedDraws(draw, draws_at_first(states))
         return compared(staged.until(settled, draws))
 
     def _rows(self, names: tuple[str, ...], factor: float) -> NDArray[np.intp]:

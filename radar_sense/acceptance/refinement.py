@@ -43,7 +43,8 @@ LEAST_STEP = 1e-3
 MAX_POSES = 20_000
 #: P_D and its bound may differ from straight lines between poses by the smaller of
 #: RELATIVE_TOLERANCE · the room of the limit and TOLERANCE. A bound within the limit may differ by
-#: no more than its distance to the limit, down to CLOSEST of this.
+#: no more than its distance to the limit, down to CLOSEST of this. That is two more halvings, of
+#: which each leaves a quarter of the difference.
 RELATIVE_TOLERANCE, TOLERANCE, CLOSEST = 0.01, 0.002, 1.0 / 16.0
 #: Decimals of the places of closest points and crossings, and a unit of the last one.
 DECIMALS = 6

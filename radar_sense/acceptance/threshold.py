@@ -132,6 +132,11 @@ class Decision:
     runs: Exceedance
     wanted: int
 
+    @property
+    def highest(self) -> int:
+        """The first pose with the highest probability of P_D beyond the limit."""
+        return int(np.argmax(self.probability))
+
 
 def decide(scenario: Scenario, requirement: Requirement, first: Estimate | None = None) -> Decision:
     """Return what draws say of a requirement at each pose of a path.

@@ -178,10 +178,8 @@ def _difference(
         np.stack([getattr(x, name) for name in names]) for x in (m, drawn, error)
     )
     distance = abs(values - by_draws)
-    top, told = (
-        words.peak(distance.max(axis=0), axis),
-        distance > np.maximum(ERRORS * noise, words.LEAST),
-    )
+    told = distance > np.maximum(ERRORS * noise, words.LEAST)
+    top = words.peak(distance.max(axis=0), axis)
     if np.isnan(top["value"]):
         return top, False, "undefined"
     text = words.describe_extreme(top, axis)

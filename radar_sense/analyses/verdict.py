@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from radar_sense import plotting, words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.requirement import Requirement
-from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
+from radar_sense.acceptance.threshold import CHANCE, Decision, PathTest, ThresholdTest, path_test
 from radar_sense.axis import Axis, runs_of
 from radar_sense.command import Axes, Result
 from radar_sense.montecarlo.exceedance import share_beyond
@@ -63,12 +63,17 @@ def beyond_in_words(required: Requirement) -> str:
 
 def highest_in_words(tested: PathTest) -> str:
     """Return the highest probability of P_D beyond the limit at a pose."""
-    decision, runs = tested.decision, tested.decision.runs
-    highest = int(np.argmax(decision.probability))
-    value, error = decision.probability[highest], decision.error[highest]
-    if value < words.LEAST and not runs.counts.any():
-        return f"in none of {runs.runs:,} runs"
+    decision = tested.decision
+    if _none(decision):
+        return f"in none of {decision.runs.runs:,} runs"
+    value, error = decision.probability[decision.highest], decision.error[decision.highest]
     return f"{words.probability(value)} +/- {error:.1g}"
+
+
+def _none(decision: Decision) -> bool:
+    """Return whether neither draws nor runs find P_D beyond the limit at any pose."""
+    found = decision.probability.max() >= words.LEAST or decision.runs.counts.any()
+    return not found
 
 
 def side(required: Requirement) -> str:
@@ -108,7 +113,7 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     required, where = tested.requirement, side(tested.requirement)
     axis, decision = tested.path.scenario.axis, tested.decision
     unit, runs = _unit(tested.path.scenario), decision.runs
-    highest = int(np.argmax(decision.probability))
+    highest = decision.highest
 
     def place(pose: int) -> dict[str, float]:
         return {axis.key: float(axis.values[pose])}
@@ -258,12 +263,11 @@ def _why(tested: PathTest) -> str:
 
 
 def _probability_lines(tested: PathTest) -> list[str]:
-    axis, runs = tested.path.scenario.axis, tested.decision.runs
-    probability = tested.decision.probability
+    axis, decision, runs = tested.path.scenario.axis, tested.decision, tested.decision.runs
     line = f"{beyond_in_words(tested.requirement)}: {highest_in_words(tested)}"
-    if probability.max() < words.LEAST and not runs.counts.any():
+    if _none(decision):
         return [line if tested.path.resolved else f"{line}, at the poses tested"]
-    alike = probability == probability.max()
+    alike = decision.probability == decision.probability[decision.highest]
     line += f" {words.describe_poses(alike, axis)}"
     if len(axis) == 1 or not tested.path.resolved:
         return [line]

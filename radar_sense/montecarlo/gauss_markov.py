@@ -13,7 +13,10 @@ from radar_sense.states import FloatArray
 
 
 def correlate(normals: FloatArray, time: FloatArray, correlation_time: float) -> None:
-    """Overwrite independent unit normals (K, ...) by those of the process at rising times (K,)."""
+    """Turn independent unit normals (K, ...) in place into those of the process.
+
+    Its times (K,) ascend, and no two are equal.
+    """
     with np.errstate(divide="ignore", over="ignore"):
         x = np.diff(time) / correlation_time
     rho, innovation_std = np.exp(-x), np.sqrt(-np.expm1(-2.0 * x))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from radar_sense.covariance import largest_variance
 from radar_sense.progress import report
-from radar_sense.propagation.draws import DRAWS, Estimate, estimate
+from radar_sense.propagation.draws import DRAWS, Estimate, estimate, tail_probability
 from radar_sense.states import ATTITUDE, FACTOR_ERRORS, POSITION, of_radar
 from radar_sense.uncertain_states import UncertainStates
 
@@ -49,6 +49,16 @@ class StagedDraws:
             return estimate(states.at(rows), draws, beta, p_max)
 
         return cls(draw, draws_at_first(states)) if first is None else cls.after(first, draw)
+
+    @classmethod
+    def of_tail(cls, states: UncertainStates, beta: float, value: float) -> StagedDraws:
+        """Return draws of the probability of a tail alone, see `tail_probability`."""
+
+        def draw(rows: NDArray[np.intp], draws: int) -> Estimate:
+            tail, error = tail_probability(states.at(rows), draws, beta, value)
+            return Estimate.of_tail(tail, error, draws)
+
+        return cls(draw, draws_at_first(states))
 
     @classmethod
     def after(

@@ -756,7 +756,7 @@ def test_sigma_is_exact_where_the_signal_bends_with_distance():
     ids=["displaced", "pole", "rising", "rain"],
 )
 def test_a_search_misses_no_range(tmp_path, beam, rcs, attitude_deg, down_km, errors, radar, ends):
-    """The bounds of 2 sigma are those of plain draws, and sigma is."""
+    """Both bounds at 2 sigma, and sigma itself, agree with plain draws."""
     metres, degrees, of_radar = errors
     known = known_to(metres, degrees, **of_radar)
     s = swerling1(
