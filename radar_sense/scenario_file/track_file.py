@@ -200,6 +200,8 @@ class _GpxReader:
             return
         place, texts = f"{self._source}:{self._line}", self._texts
         try:
+            if "ele" not in texts:
+                raise InputError(f"{place}: missing 'ele', the elevation of the point")
             row = [
                 number(texts.get(name, ""), limit, f"{place}: {name}")
                 for name, limit in zip(("lat", "lon", "ele"), PLACES, strict=True)

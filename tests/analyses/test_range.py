@@ -752,8 +752,18 @@ def test_sigma_is_exact_where_the_signal_bends_with_distance():
             {"attenuation_db_per_km": 0.5, "constant": 9.316e-4},
             (4e3, 1.9e4),
         ),
+        # a thin beam is enough in its middle, and errors of 4 km bring it nearer or farther
+        (
+            "3.6,-60 4,0 4.4,-60",
+            {"model": "constant", "rcs_m2": 1.0},
+            [0, 0, 0],
+            -3,
+            (50, 1, {"position_m": [4000, 4000, 20]}),
+            {"constant": 6.918e-4},
+            (2.7e4, 5.9e4),
+        ),
     ],
-    ids=["displaced", "pole", "rising", "rain"],
+    ids=["displaced", "pole", "rising", "rain", "thin"],
 )
 def test_a_search_misses_no_range(tmp_path, beam, rcs, attitude_deg, down_km, errors, radar, ends):
     """Both bounds at 2 sigma, and sigma itself, agree with plain draws."""
