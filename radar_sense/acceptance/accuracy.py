@@ -141,7 +141,7 @@ class _Search:
         # 3σ of P_D, or its upper bound, at each pose, as a function of names and factor
         by = "form" if method == AUTOMATIC else method
         self.values = self.critical_values = value_function(scenario, by, k, of_miss=of_miss)
-        self.rows = cache(self._rows)
+        self.rows, self.holds = cache(self._rows), cache(self._holds)
         # If poses are above the limit, the factor depends on these poses alone.
         above = ~(self.values((), 1.0) <= limit)
         if above.any():
@@ -173,7 +173,7 @@ class _Search:
             residual_from=self._largest_other(names, pose),
             known=known,
             exceeded_at_0=bool(
-                factor and not 1.0 <= factor < np.inf and self._holds(names, -np.inf) is False
+                factor and not 1.0 <= factor < np.inf and self.holds(names, -np.inf) is False
             ),
         )
 
@@ -222,54 +222,63 @@ class _Search:
         smaller = factor and factor < 1.0 and self.method == AUTOMATIC
         if smaller and self._agrees(names, 0.0, self.limit):
             factor = None  # FORM asks for more than the draws of the threshold test do
-        holds = cache(lambda at: self._holds(names, at))
-        start, last, off = 0.0, LARGEST_LOG_FACTOR, 0.0
-        if factor:
-            last = min(float(np.log(factor)), last)
-            # beside its greatest values P_D hardly changes where its probability changes much
-            agree = not self.beyond and all(
-                self._agrees(names, at, self._allowed) for at in _on_the_way(start, last)
-            )
-            # FORM may be within the limit where the draws of the threshold test do not find it
-            doubted = self.method == AUTOMATIC and self.k is not None and not smaller
-            if agree and not (doubted and not holds(0.0)):
-                final = factor == np.inf or self.method != AUTOMATIC
-                if final or not (self._strict(names, last) if self.k is None else holds(last)):
-                    return factor, known
-                start, last, off = last, LARGEST_LOG_FACTOR, self._off
-            else:
-                off = -self._off
-        else:
+        if not factor:
             if known and self.method != AUTOMATIC:
                 return factor, known
-            certain = holds(-np.inf)
-            if not (certain or self.beyond or holds(0.0)):
+            certain = self.holds(names, -np.inf)
+            if not (certain or self.beyond or self.holds(names, 0.0)):
                 return None, certain is False and not self._relieves(names)
+            return self._proven(names, 0.0, LARGEST_LOG_FACTOR)
+        last = min(float(np.log(factor)), LARGEST_LOG_FACTOR)
+        # beside its greatest values P_D hardly changes where its probability changes much
+        agree = not self.beyond and all(
+            self._agrees(names, at, self._allowed) for at in _on_the_way(0.0, last)
+        )
+        # FORM may be within the limit where the draws of the threshold test do not find it
+        doubted = self.method == AUTOMATIC and self.k is not None and not smaller
+        if not agree or (doubted and not self.holds(names, 0.0)):
+            return self._proven(names, 0.0, last, -self._off)
+        final = factor == np.inf or self.method != AUTOMATIC
+        more = not final and (
+            self._strict(names, last) if self.k is None else self.holds(names, last)
+        )
+        if more:
+            return self._proven(names, last, LARGEST_LOG_FACTOR, self._off)
+        return factor, known
+
+    def _proven(
+        self, names: tuple[str, ...], start: float, last: float, off: float = 0.0
+    ) -> tuple[float | None, bool]:
+        """Return the largest factor up to a last one that draws prove, and whether it is known.
+
+        The search begins at ln `start`, and is faster by a guess: the factor at which the method
+        has the limit and `off`.
+        """
         low, judged = None, _on_the_way(start, last)
-        if off:  # the method may be off by as much at the factor
-            guess, _ = self._largest(names, self.limit + off)
-            if guess:
-                judged = sorted([*judged, min(float(np.log(guess)), last)])
+        guess, _ = self._largest(names, self.limit + off) if off else (None, False)
+        if guess:
+            judged = sorted([*judged, min(float(np.log(guess)), last)])
         for high in judged:
-            if not holds(high):
+            if not self.holds(names, high):
                 break
             low = high
         else:
-            return (np.inf, True) if last == LARGEST_LOG_FACTOR else (factor, False)
+            return (np.inf, True) if last == LARGEST_LOG_FACTOR else (float(np.exp(last)), False)
         if low is None:
             low = high - WAY
-            while not (at_low := holds(low)):
+            while not (at_low := self.holds(names, low)):
                 if low == -LARGEST_LOG_FACTOR:
-                    if holds(-np.inf):
+                    certain = self.holds(names, -np.inf)
+                    if certain:
                         return 0.0, at_low is False
-                    return None, holds(-np.inf) is False and not self.beyond
+                    return None, certain is False and not self.beyond
                 low, high = max(low - 2.0 * (high - low), -LARGEST_LOG_FACTOR), low
         confirmed = low
         rows = np.union1d(*(self.rows(names, float(np.exp(end))) for end in (low, high)))
         while high - low > NEAR:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self._holds(names, middle, rows) else (low, middle)
-        if holds(low):  # at its own poses too
+        if self.holds(names, low):  # at its own poses too
             confirmed = low
         return float(np.exp(confirmed)), False
 
