@@ -207,9 +207,6 @@ class UncertainStates:
         Poses that no radar may see are left out, and so is a limit of a radar that always sees.
         What a pose has depends on this pose alone. The default sight (k, m) is `sight`.
         """
-        if len(self.cov_radar) > 1:
-            yield np.arange(len(self)), self
-            return
         given = self.sight() if sight is None else sight
         kinds, which = np.unique(given, axis=0, return_inverse=True)
         for i, kind in enumerate(kinds):

@@ -323,6 +323,7 @@ def test_a_range_in_the_blind_zone_is_none():
         assert not found.slant.any()
         assert not found.lower.any()
         assert found.upper == pytest.approx(np.quantile(drawn, ndtr(3)), rel=0.005)
+        assert np.isnan([found.std, *found.by_source.values()]).all()  # of no range
 
 
 @pytest.mark.all_draws
