@@ -319,7 +319,7 @@ class Scenario:
             ) from error
         if chosen.ndim != 1 or not len(chosen):
             raise InputError(f"poses must select one pose or more, got {describe(poses)}")
-        if self.time_s is not None and not (np.diff(chosen) >= 0).all():
+        if self.time_s is not None and not (np.diff(chosen) > 0).all():
             raise InputError(f"poses of a path must stay in order, got {describe(poses)}")
         return self._with(geometry=self.geometry.at_poses(poses))
 

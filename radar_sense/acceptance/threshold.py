@@ -60,27 +60,32 @@ class ThresholdTest:
         bound: The bound on the side of the limit (n,), NaN without a bound.
         violated: Where the bound is beyond the limit (n,).
         unknown: Where the test has no answer (n,).
-        coordinate: Time [s] of each pose (n,), azimuth [deg] on an orbit or range [km], in order.
+        coordinate: Time [s] of each pose (n,), azimuth [deg] on an orbit or range [km], in order;
+            None without a flight from pose to pose.
     """
 
     requirement: Requirement
     bound: FloatArray
     violated: NDArray[np.bool_]
     unknown: NDArray[np.bool_]
-    coordinate: FloatArray
+    coordinate: FloatArray | None
 
     @property
     def beyond(self) -> float:
         """Length of the path with the bound beyond the limit, in the unit of the coordinate.
 
         The bound is taken to be linear between poses. Steps to and from a pose without a bound are
-        counted.
+        counted. Without a flight it is the number of poses beyond the limit, or without a bound.
         """
+        if self.coordinate is None:
+            return float(np.count_nonzero(~(self.margin >= 0)))
         return math.fsum(abs(np.diff(self.coordinate)) * share_beyond(self.margin))
 
     @property
     def total(self) -> float:
-        """Length of the path, in the unit of the coordinate."""
+        """Length of the path, in the unit of the coordinate; or the number of poses."""
+        if self.coordinate is None:
+            return float(len(self.bound))
         return abs(float(self.coordinate[-1] - self.coordinate[0]))
 
     @property
@@ -230,6 +235,7 @@ def path_test(scenario: Scenario, method: str, requirement: Requirement, band: B
         unknown |= (beyond & ~decision.violated) | np.isnan(bound)
     far = attitude_off(path.scenario) > BOUND_CHANGE
     violated, unknown = (violated & ~far) | certain, unknown | far | (not path.resolved)
-    place = path.scenario.geometry.coordinate
-    tested = requirement, bound, violated, unknown & ~violated, place
+    geometry = path.scenario.geometry
+    coordinate = geometry.coordinate if geometry.continuous else None
+    tested = requirement, bound, violated, unknown & ~violated, coordinate
     return PathTest(*tested, path, decision, by_draws, far)

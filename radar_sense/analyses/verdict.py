@@ -12,9 +12,10 @@ from scipy.special import ndtri
 from radar_sense import plotting, words
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.requirement import Requirement
-from radar_sense.acceptance.threshold import CHANCE, Decision, PathTest, ThresholdTest, path_test
-from radar_sense.axis import Axis, runs_of
+from radar_sense.acceptance.threshold import CHANCE, Decision, PathTest, path_test
+from radar_sense.axis import runs_of
 from radar_sense.command import Axes, Result
+from radar_sense.flight import Geometry
 from radar_sense.montecarlo.exceedance import share_beyond
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
@@ -104,15 +105,18 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
     return tested
 
 
-def _unit(scenario: Scenario) -> str:
-    """Return the unit of the coordinate of `refinement`; steps between poses without one."""
-    return (scenario.axis.unit or "steps") if scenario.time_s is None else "s"
+def _unit(tested: PathTest) -> str:
+    """Return the unit of the length of the path; without a flight it is a number of poses."""
+    scenario = tested.path.scenario
+    if tested.coordinate is None:
+        return "poses"
+    return scenario.axis.unit if scenario.time_s is None else "s"
 
 
 def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     required, where = tested.requirement, side(tested.requirement)
     axis, decision = tested.path.scenario.axis, tested.decision
-    unit, runs = _unit(tested.path.scenario), decision.runs
+    unit, runs = _unit(tested), decision.runs
     highest = decision.highest
 
     def place(pose: int) -> dict[str, float]:
@@ -135,7 +139,7 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
         f"p_d_itself_{where}": bool(np.any(required.margin(tested.path.band.p_d) < 0)),
         f"{where}_{unit}": tested.beyond,
         f"total_{unit}": tested.total,
-        f"share_{where}": _share(tested),
+        f"share_{where}": tested.beyond / tested.total,
         "first_violation": None if tested.first is None else place(tested.first),
         "worst_margin": {"value": float(tested.margin[tested.worst]), **place(tested.worst)},
         f"highest_probability_{where}": {
@@ -160,10 +164,6 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     return summary
 
 
-def _share(tested: ThresholdTest) -> float:
-    return tested.beyond / tested.total if tested.total > 0 else float(not tested.passed)
-
-
 def _report(tested: PathTest) -> list[str]:
     scenario, required = tested.path.scenario, tested.requirement
     axis = scenario.axis
@@ -175,11 +175,13 @@ def _report(tested: PathTest) -> list[str]:
     known = np.isfinite(tested.margin[tested.worst])
     if known:
         lines += [f"at the worst pose, {axis.at(tested.worst)}: {worst_band(tested)}"]
-    if known and tested.beyond > 0 and tested.path.resolved:
-        beyond = float(f"{tested.beyond:.3g}")
+    if known and tested.beyond > 0 and tested.path.resolved and len(axis) > 1:
+        beyond, about = float(f"{tested.beyond:.3g}"), "for about"
+        if tested.coordinate is None:
+            beyond, about = tested.beyond, "at"
         lines += [
-            f"the bound is {side(required)} {required.limit:g} for about {beyond:g} of "
-            f"{tested.total:.6g} {_unit(scenario)} ({_share(tested):.1%})"
+            f"the bound is {side(required)} {required.limit:g} {about} {beyond:g} of "
+            f"{tested.total:.6g} {_unit(tested)} ({tested.beyond / tested.total:.1%})"
         ]
     lines += _probability_lines(tested)
     if tested.violated.any():
@@ -188,20 +190,22 @@ def _report(tested: PathTest) -> list[str]:
 
 
 def _verdict(tested: PathTest) -> str:
-    axis = tested.path.scenario.axis
+    geometry = tested.path.scenario.geometry
     if tested.violated.any():
-        return f"VIOLATED {_beyond(tested.violated, tested.margin, axis)}"
+        return f"VIOLATED {_beyond(tested.violated, tested.margin, geometry)}"
     if tested.unknown.any():
-        return f"NOT KNOWN {words.describe_poses(tested.unknown, axis)}"
+        return f"NOT KNOWN {words.describe_poses(tested.unknown, geometry.axis)}"
     return "holds at every pose" + (" and between them" if tested.path.added else "")
 
 
-def _beyond(mask: NDArray[np.bool_], margin: FloatArray, axis: Axis) -> str:
-    """Describe the poses of a mask, from where to where their margin (n,) is below 0.
+def _beyond(mask: NDArray[np.bool_], margin: FloatArray, geometry: Geometry) -> str:
+    """Describe the poses of a mask, of a flight from where to where a margin (n,) is below 0.
 
     The margin is taken to be linear between poses, and the ends are rounded outwards.
     """
-    values = axis.values
+    axis, values = geometry.axis, geometry.axis.values
+    if not geometry.continuous:
+        return words.describe_poses(mask, axis)
     digits = DIGITS - math.ceil(math.log10(np.ptp(values) or 1.0))
 
     def end(pose: int, beside: int) -> float:
@@ -241,9 +245,9 @@ def _remedy(tested: PathTest) -> str:
 
 def _why(tested: PathTest) -> str:
     """Return whether P_D itself is beyond the limit, or only its bound."""
-    required, axis, p_d = tested.requirement, tested.path.scenario.axis, tested.path.band.p_d
+    required, p_d = tested.requirement, tested.path.band.p_d
     margin, limit = required.margin(p_d), f"{required.limit:g}"
-    place = _beyond(margin < 0, margin, axis)
+    place = _beyond(margin < 0, margin, tested.path.scenario.geometry)
     itself = f"P_D itself is {side(required)} {limit} {place}"
     goal = f"--k {required.k:g}"
     if place and (required.probability is None or tested.path.scenario.states().certain):

@@ -30,6 +30,7 @@ from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import decide, path_test
 from radar_sense.analyses import verdict as words_of_verdict
 from radar_sense.analyses.required import in_words
+from radar_sense.flight import Path, Radial
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import (
     METHODS,
@@ -617,13 +618,11 @@ def test_a_span_ends_where_the_margin_is_zero_and_at_a_jump():
     values = np.array([0.0, 100, 200, 200.0001, 300, 400])
     margin = np.array([1.0, -3, -1, 1, 1, -1])
     mask = np.array([False, True, True, False, False, False])
-    assert words_of_verdict._beyond(mask, margin, axis.time(values)) == "at 24.9 to 200 s"
-    assert (
-        words_of_verdict._beyond(margin < 0, margin, axis.time(values))
-        == "at 24.9 to 200, 349.9 to 400 s"
-    )
-    down = axis.ground_range(values[::-1])
-    assert words_of_verdict._beyond(mask[::-1], margin[::-1], down) == "at 200.0001 to 24.9 km"
+    path, beyond = Path.of(values, np.zeros((6, 6))), words_of_verdict._beyond
+    assert beyond(mask, margin, path) == "at 24.9 to 200 s"
+    assert beyond(margin < 0, margin, path) == "at 24.9 to 200, 349.9 to 400 s"
+    down = Radial.of(axis.ground_range(values[::-1]), np.zeros(3))
+    assert beyond(mask[::-1], margin[::-1], down) == "at 200.0001 to 24.9 km"
 
 
 def test_p_d_itself_is_that_of_the_whole_path():

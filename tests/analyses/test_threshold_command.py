@@ -110,7 +110,7 @@ def test_threshold_on_the_orbit_of_the_paper():
 def test_a_single_pose_is_above_as_a_whole_or_not_at_all(p_max, share):
     one = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
     found = rs.analyses.variance(one, threshold=p_max).summary["threshold"]
-    assert (found["share_above"], found["total_deg"]) == (share, 0.0)
+    assert (found["share_above"], found["total_poses"]) == (share, 1)
 
 
 def test_a_path_with_times_needs_a_correlation(tmp_path):
@@ -172,12 +172,16 @@ def test_the_threshold_is_drawn():
     assert 0 < violated.sum() < len(violated)
 
 
-def test_states_given_in_python_have_steps_for_a_unit():
+def test_states_given_in_python_are_counted():
+    """There is nothing between poses without a flight, in any order."""
     s = scenario(analysis__method="linear")
-    s = s.at_states(s.aircraft[[0, 40, 90]])
+    s = s.at_states(s.aircraft[[0, 180, 10, 170]])
     found = rs.analyses.variance(s, threshold=0.5)
-    (line,) = (line for line in found.report if line.startswith("the bound is above"))
-    assert re.search(r"for about 0\.\d+ of 2 steps \(\d+\.\d%\)$", line)
-    assert re.match(r"VIOLATED at pose 1\.\d+ to 2: ", found.report[0])
-    assert {"above_steps", "total_steps"} < {*found.summary["threshold"]}
+    np.testing.assert_array_equal(found.table["violated"], [0, 1, 0, 1])
+    assert found.report[0].startswith("VIOLATED at pose 1, 3: ")
+    assert "the bound is above 0.5 at 2 of 4 poses (50.0%)" in found.report
+    assert any(x.startswith("P_D itself is above 0.5 at pose 1, 3: ") for x in found.report)
+    threshold = found.summary["threshold"]
+    numbers = {"above_poses": 2.0, "total_poses": 4.0, "share_above": 0.5}
+    assert {name: threshold[name] for name in numbers} == numbers
     assert "at_pose" in rs.analyses.budget(s, target=0.05, at=1).summary["target"]
