@@ -223,8 +223,7 @@ class Result:
         for name in formats:
             check_choice("format", name, allowed)
         check_choice("style", style, STYLES)
-        ending, table = files.table(self.table)
-        contents = {ending: table}
+        contents = dict([files.table(self.table)] if self.table else [])
         error = None
         try:
             contents |= self.figures([name for name in formats if name in FORMATS], style)
@@ -255,7 +254,7 @@ class Result:
         return {
             "record": RECORD,
             "analysis": self.analysis,
-            "command": list(command),
+            "command": [command] if isinstance(command, str) else list(command),
             "seed": self.scenario.seed,
             "scenario": self.scenario.resolved(),
             "warnings": self.warnings,
@@ -269,11 +268,13 @@ class Result:
         return self.table.columns
 
     def __repr__(self) -> str:
-        rows = max((len(column) for column in self.table.values()), default=0)
-        return (
-            f"<Result of {self.analysis}: {self.scenario.name}, {rows} rows of "
-            f"{shorten_list(list(self.table))}; .report, .warnings, .table, .plot(), .save(folder)>"
-        )
+        about, has = f"{self.analysis}: {self.scenario.name}", ".report, .warnings"
+        if self.table:
+            rows = max(map(len, self.table.values()))
+            about += f", {rows} rows of {shorten_list(list(self.table))}"
+            has += ", .table"
+        has += ", .plot()" if self.draw else ""
+        return f"<Result of {about}; {has}, .save(folder)>"
 
 
 @dataclass(eq=False, repr=False)
@@ -327,7 +328,7 @@ class Command:
         """
         if others:
             given = ", ".join(f"{name}=..." for name in [*self.defaults][: len(others)])
-            raise TypeError(f"{self.name}() takes the options by name: {given}")
+            raise TypeError(f"{self.name}() takes the options by name: {given or 'level=...'}")
         check_scenario(scenario)
         own = self._own(options)
         selected = self.selected(scenario, **options)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from radar_sense import axis as axes
 from radar_sense.axis import Axis
 from radar_sense.covariance import symmetric_square_root
-from radar_sense.errors import InputError, check_choice
+from radar_sense.errors import InputError, check_choice, describe
 from radar_sense.model.geometry import orbit
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.track import covariance_in_frame, square_root_in_frame
@@ -216,6 +216,8 @@ class Path(Geometry):
 
     def __post_init__(self) -> None:
         check_choice("method", self.method, METHODS)
+        if not isinstance(self.flight, Route | None):
+            raise InputError(f"flight must be a Route or None, got {describe(self.flight)}")
 
     @classmethod
     def of(cls, time_s: ArrayLike, aircraft: ArrayLike, covariance: ArrayLike = CERTAIN) -> Path:

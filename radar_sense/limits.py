@@ -25,7 +25,7 @@ SMALLEST, LARGEST = 1e-20, 1e20
 
 @dataclass(frozen=True)
 class Limit:
-    """An interval of finite numbers.
+    """An interval of numbers.
 
     Attributes:
         above: Exclusive lower end.
@@ -33,6 +33,7 @@ class Limit:
         below: Exclusive upper end.
         at_most: Inclusive upper end.
         whole: Whether the number must be whole.
+        infinite: Whether it may be infinite.
     """
 
     above: float | None = None
@@ -40,15 +41,17 @@ class Limit:
     below: float | None = None
     at_most: float | None = None
     whole: bool = False
+    infinite: bool = False
 
     def allows(self, value: Any) -> bool:
         """Return whether the value is a number within the limit."""
         if isinstance(value, bool) or not isinstance(value, Real):
             return False
         number: Any = value
+        most = math.inf if self.infinite else sys.float_info.max
         return (
             # an int too large for a float is allowed where it stays an int, such as a seed
-            ((self.whole and isinstance(number, int)) or abs(number) <= sys.float_info.max)
+            ((self.whole and isinstance(number, int)) or abs(number) <= most)
             and (self.above is None or number > self.above)
             and (self.at_least is None or number >= self.at_least)
             and (self.below is None or number < self.below)
@@ -65,7 +68,8 @@ class Limit:
         )
         conditions = [f"{words} {end:g}" for words, end in ends if end is not None]
         kind = "a whole number" if self.whole else "a number"
-        return " ".join([kind, " and ".join(conditions)]).strip()
+        words = " ".join([kind, " and ".join(conditions)]).strip()
+        return f"{words}, or .inf" if self.infinite else words
 
 
 @dataclass(frozen=True)
@@ -98,6 +102,8 @@ RADAR_NAME, LEVEL_NAME, BAND, TYPE = (
 ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)
+#: Correlation time of pose errors [s].
+CORRELATION = Limit(at_least=0, infinite=True)
 #: Standard deviation in decibels.
 STD_DB = Limit(at_least=0, at_most=20)
 PROBABILITY = Limit(at_least=1e-100, below=1)
@@ -163,7 +169,15 @@ def check_number(name: str, value: Any, limit: Limit) -> Any:
     number = plain_number(value)
     if not limit.allows(number):
         raise InputError(f"{name} must be {limit}, got {describe(number)}")
-    return int(number) if limit.whole else number
+    if limit.whole:
+        return int(number)
+    return number if isinstance(number, int) else float(number)
+
+
+def check_flag(name: str, value: object) -> None:
+    """Raise InputError unless a value is True or False."""
+    if not isinstance(value, bool):
+        raise InputError(f"{name} must be True or False, got {describe(value)}")
 
 
 class Checked:
@@ -174,14 +188,15 @@ class Checked:
 
 
 def check_parameters(instance: Any) -> None:
-    """Check the fields that are declared with a kind, and make Python numbers of numbers."""
+    """Check the fields that are declared with a kind, and make Python's of NumPy's scalars."""
     for f in fields(instance):
-        value, kind = getattr(instance, f.name), f.metadata.get("kind")
-        if value is None and f.default is None:
+        value, kind = plain_number(getattr(instance, f.name)), f.metadata.get("kind")
+        if kind is None or (value is None and f.default is None):
             continue
         if isinstance(kind, Limit):
-            number = check_number(f.name, value, kind)
-            object.__setattr__(instance, f.name, number)  # the classes are frozen
+            value = check_number(f.name, value, kind)
+        elif kind is bool:
+            check_flag(f.name, value)
         elif isinstance(kind, Text):
             if not kind.allows(value):
                 raise InputError(f"{f.name} must be {kind}, got {describe(value)}")
@@ -192,3 +207,4 @@ def check_parameters(instance: Any) -> None:
             if not isinstance(value, classes):
                 allowed = ", ".join(cls.__name__ for cls in classes)
                 raise InputError(f"{f.name} must be {allowed} or None, got {value!r}")
+        object.__setattr__(instance, f.name, value)  # the classes are frozen

@@ -20,15 +20,14 @@ from radar_sense.axis import Axis
 from radar_sense.errors import InputError, check_choice, describe, shorten_list
 from radar_sense.flight import Geometry, Path, States
 from radar_sense.limits import (
+    CORRELATION,
     MAX_NAME,
     METHODS,
     NAME,
-    NOT_NEGATIVE,
     RADAR_NAME,
     RUNS,
     SEED,
     STD_DB,
-    check_number,
     check_parameters,
     declared,
     plain_number,
@@ -108,8 +107,8 @@ class Scenario:
     seed: int = declared(SEED, default=1)
     method: str = declared(tuple(METHODS), default="automatic")
     rcs_db: float = declared(STD_DB, default=0.0)
-    correlation_s: float = 0.0
-    source: Source | None = None
+    correlation_s: float = declared(CORRELATION, default=0.0)
+    source: Source | None = declared(Source, default=None)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radars", self.model.radars)
@@ -120,16 +119,19 @@ class Scenario:
             )
         object.__setattr__(self, "geometry", _read_only(self.geometry))
         self._check_radars()
-        if not self.level:
-            object.__setattr__(self, "level", self.levels[0])
+        if isinstance(self.level, str):
+            object.__setattr__(self, "level", self.level or self.levels[0])
         self._check_poses()
         self._check_choices()
 
     def _check_radars(self) -> None:
         of_band = {radar.band: radar.model.rcs for radar in self.radars}
         for radar in self.radars:
-            if radar.model.rcs != of_band[radar.band]:
-                raise InputError("radars of one band must have the RCS of one and the same target")
+            if not _same(radar.model.rcs, of_band[radar.band]):
+                raise InputError(
+                    "radars of one band must have the RCS of one and the same target: give them "
+                    "one object"
+                )
             if radar.name and not RADAR_NAME.allows(radar.name):
                 raise InputError(f"names of radars must be {RADAR_NAME}, got {radar.name!r}")
             if radar.state is None:
@@ -185,8 +187,7 @@ class Scenario:
     def _check_choices(self) -> None:
         check_parameters(self)
         check_choice("level", self.level, self.levels)
-        if self.correlation_s != math.inf:
-            check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
+        object.__setattr__(self, "level", str(self.level))  # text of NumPy has another class
         if self.rcs_db and any(radar.model.has_spread for radar in self.radars):
             raise InputError(
                 "rcs_db and std_db of the RCS table exclude each other: both are the uncertainty "
@@ -305,7 +306,9 @@ class Scenario:
         radar = np.broadcast_to(with_errors(self.radar, m), (poses, len(cov_radar)))
         nominal, covariances = (geometry.aircraft, radar), (geometry.covariance_in_frame, cov_radar)
         states = UncertainStates(self.model, *nominal, *covariances, (), self.seed, self.runs)
-        return states.with_covariances(*covariances, self.tolerances)
+        states = states.with_covariances(*covariances, self.tolerances)
+        states.cov_radar.flags.writeable = False
+        return states
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
         """Return the scenario with only some poses, those of a path in order."""
@@ -482,6 +485,14 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
     return single_radar_scenarios(scenario).get(name, scenario)._with(name=stem)
 
 
+def _same(rcs: object, other: object) -> bool:
+    """Return whether two RCS are one object, or equal; arrays in them are not compared."""
+    try:
+        return rcs is other or bool(rcs == other)
+    except ValueError:  # of arrays that are compared
+        return False
+
+
 def _recorded(value: Any) -> Any:
     """Return a field of a scenario for its record."""
     value = plain_number(value)
@@ -502,13 +513,8 @@ def _recorded(value: Any) -> Any:
 
 
 def _read_only(geometry: Geometry) -> Geometry:
-    """Return a geometry with read-only arrays, copies unless they are read-only already."""
-    changes: dict[str, Any] = {}
-    for name in ("aircraft", "covariance", "time_s"):
-        if not hasattr(geometry, name):
-            continue
-        values = getattr(geometry, name)
-        if type(values) is np.ndarray and values.dtype == float and not values.flags.writeable:
-            continue
-        changes[name] = read_only(name, values)
+    """Return a geometry with read-only arrays."""
+    given = {n: getattr(geometry, n, None) for n in ("aircraft", "covariance", "time_s")}
+    fixed = {n: read_only(n, values) for n, values in given.items() if values is not None}
+    changes: dict[str, Any] = {n: array for n, array in fixed.items() if array is not given[n]}
     return dataclasses.replace(geometry, **changes) if changes else geometry

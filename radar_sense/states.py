@@ -124,9 +124,12 @@ def real_array(name: str, values: ArrayLike) -> FloatArray:
 
 
 def read_only(name: str, values: ArrayLike) -> FloatArray:
-    """Return a copy of values as an array of floats that cannot be written."""
-    array = real_array(name, values).copy()
-    array.flags.writeable = False
+    """Return values as an array of floats that cannot be written: a copy of what can be."""
+    array = real_array(name, values)
+    owner: Any = array if array.base is None else array.base
+    if array.flags.writeable or not isinstance(owner, np.ndarray) or owner.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
     return array
 
 

@@ -1,7 +1,9 @@
 """Wrong arguments in Python raise an error of one line with the name of the argument, at once."""
 
 import dataclasses
+import json
 import re
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -137,7 +139,36 @@ WRONG = {
         levels={"low": level(errors={"attenuation": 1.1})},
     ),
     "model must be a DetectionModel or": lambda: propagated("x"),
-    "beta must be a number greater than 0, got 0": lambda: propagated(beta=0),
+    "beta must be a number greater than 0 and not greater than 10, got 0": (
+        lambda: propagated(beta=0)
+    ),
+    "beta must be a number greater than 0 and not greater than 10, got 1e": (
+        lambda: propagated(beta=1e300)
+    ),
+    "shared must be the name of a type": lambda: rs.Tolerance("a", 1, 1, 1, True, shared=1),
+    "rectangular must be True or False, got 'no'": (
+        lambda: rs.Tolerance("a", 1, 1, 1, True, rectangular="no")
+    ),
+    "decibels must be True or False, got nan": lambda: rs.Tolerance("a", 1, 1, 1, np.nan),
+    "level must be one of low, medium, high, got array": lambda: scenario(level=np.zeros(2)),
+    "level must be one of low, medium, high, got 0": lambda: scenario(level=0),
+    "correlation_s must be a number not less than 0, or .inf, got array": (
+        lambda: scenario(correlation_s=np.zeros(2))
+    ),
+    "max_range must be a number greater than 0, or .inf, got array": (
+        lambda: changed(max_range=np.ones(2))
+    ),
+    "source must be Source or None, got 'x'": lambda: scenario(source="x"),
+    "flight must be a Route or None, got 'x'": lambda: path(flight="x"),
+    "azimuth must be finite and of shape (n,), with n > 0": lambda: rs.TableRCS([], []),
+    "radars of one band must have the RCS of one and the same target: give them one object": (
+        lambda: scenario(
+            radars=[
+                changed(name=name, model=model(rcs=rs.TableRCS(ANGLES, np.ones(36))))
+                for name in ("a", "b")
+            ]
+        )
+    ),
     "aircraft covariance must have shape": lambda: propagated(cov_aircraft=np.zeros((4, 4))),
     "radar covariance must have shape": lambda: propagated(cov_radar=np.zeros(4)),
     "workers must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, workers=0),
@@ -146,6 +177,9 @@ WRONG = {
     "poses must select one pose or more, got slice": lambda: PAPER.at_poses(slice(0, 0)),
     "poses must be a slice or an array of numbers": lambda: PAPER.at_poses(np.array([361])),
     "poses of a path must stay in order": lambda: PATH.at_poses(slice(None, None, -1)),
+    "poses of a path must stay in order, got array([0, 0, 1])": (
+        lambda: PATH.at_poses(np.array([0, 0, 1]))
+    ),
     "text must be YAML as text, got {}": lambda: rs.parse_scenario({}),
     "path must be text or a Path, got 3": lambda: rs.load_scenario(3),
     "max_gap_s must be a number greater than 0, got 'a'": lambda: rs.load_route("a", max_gap_s="a"),
@@ -192,6 +226,40 @@ def test_numbers_of_numpy_are_written_and_taken(tmp_path):
     assert len(result.save(tmp_path, ())) == 2
     found = rs.analyses.detection_range(PAPER, p_d=np.array(0.5), step_deg=90.0, method="linear")
     assert found.summary["p_d"] == [0.5]
+
+
+def test_numbers_of_other_kinds_become_floats():
+    third = Fraction(1, 3)
+    model = rs.DetectionModel(rs.EllipsoidRCS(third, third, np.longdouble(third)), third)
+    assert type(model.rcs.c) is type(model.p_fa) is float
+    assert 0.99 < model.p_d(PAPER.aircraft[0], PAPER.radar) <= 1
+    beam = rs.ElevationGain(np.array([0.0, 1]), np.array([0.0, -3]), tilt=third)
+    assert type(beam.tilt) is float
+
+
+def test_text_of_numpy_is_written(tmp_path):
+    high, form = np.array(["high", "form"])
+    result = rs.analyses.budget(PAPER.at_poses(slice(2)), level=high, method=form)
+    assert len(result.save(tmp_path, (), command="radar-sense budget")) == 2
+    record = json.loads((tmp_path / "paper_budget.json").read_text())
+    assert record["command"] == ["radar-sense budget"]
+    assert "level: high" in "\n".join(rs.analyses.check(PAPER, level=high).report)
+    assert type(scenario(level=high, name=np.str_("a")).name) is str
+
+
+def test_views_of_the_caller_may_change_later():
+    """A view that cannot be written changes with what it is a view of."""
+    pose, covariance, time = PAPER.aircraft[0].copy(), np.eye(6), np.arange(3.0)
+    states, own = np.broadcast_to(pose, (3, 6)), np.broadcast_to(covariance, (3, 6, 6))
+    s, route = scenario(geometry=rs.States.of(states, own)), rs.Route(time, states, None, True)
+    before = s.p_d()[0], rs.propagate_scenario(s, method="linear").std[0]
+    pose[0] = time[1] = 1e5
+    covariance *= 100
+    assert (s.p_d()[0], rs.propagate_scenario(s, method="linear").std[0]) == before
+    assert route.time_s.tolist() == [0, 1, 2]
+    for array in (s.states().cov_radar, s.aircraft, route.aircraft):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
 
 
 def test_the_times_of_the_caller_may_change_later():

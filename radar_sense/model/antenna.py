@@ -66,7 +66,8 @@ class ElevationGain(_Directions):
 
     The gain counts twice, there and back. In decibels it is a monotone cubic between the nodes
     (F. N. Fritsch and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal.
-    17(2), 1980), so that it never exceeds them. Beyond the nodes the last gain holds.
+    17(2), 1980), so that it never exceeds them. Its slope is 0 at the first and the last node, and
+    beyond these their gain holds.
 
     Attributes:
         elevation: Ascending elevations (n,) [rad], from the axis of the antenna.
@@ -86,6 +87,7 @@ class ElevationGain(_Directions):
         super().__post_init__()
         tilt = check_number("tilt", self.tilt, ANY)
         check_number("tilt [deg]", tilt / DEG, TILT)
+        object.__setattr__(self, "tilt", tilt)
 
     def __repr__(self) -> str:
         return f"<ElevationGain: {len(self.elevation)} nodes, tilt {np.rad2deg(self.tilt):g} deg>"

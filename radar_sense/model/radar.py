@@ -19,6 +19,7 @@ from radar_sense.limits import (
     LEVEL_NAME,
     NOT_NEGATIVE,
     POSITIVE,
+    Limit,
     check_number,
     check_parameters,
     declared,
@@ -140,7 +141,7 @@ class Radar(ReadOnly):
     name: str = ""
     state: FloatArray | None = None
     levels: Mapping[str, Level] = field(default_factory=dict)
-    max_range: float = math.inf
+    max_range: float = declared(Limit(above=0, infinite=True), default=math.inf)
     horizon: Horizon | None = declared(Horizon, default=None)
     scan_period: float | None = declared(POSITIVE, default=None)
     min_range: float = declared(NOT_NEGATIVE, default=0.0)
@@ -157,9 +158,6 @@ class Radar(ReadOnly):
         if self.state is not None:
             object.__setattr__(self, "state", _checked_state(self.state))
         self._check_levels()
-        if self.max_range != math.inf:
-            max_range = check_number("max_range", self.max_range, POSITIVE)
-            object.__setattr__(self, "max_range", max_range)
         check_parameters(self)
         if self.min_range >= self.max_range:
             raise InputError(

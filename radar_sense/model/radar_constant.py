@@ -16,8 +16,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy.special import ndtr
 
-from radar_sense.errors import InputError, describe
-from radar_sense.limits import ANY, NAME, NOT_NEGATIVE, Limit, check_number
+from radar_sense.errors import InputError
+from radar_sense.limits import ANY, NAME, NOT_NEGATIVE, TYPE, Checked, Limit, Text, declared
 from radar_sense.model.radar_equation import LOSSES_KEY, MOST_NEPERS, NEPERS, RADARS, Unit
 from radar_sense.states import FloatArray
 
@@ -25,6 +25,8 @@ from radar_sense.states import FloatArray
 #: standard deviations. c_r has no mean if a divisor may be 0. Without the limit 3 draws in ten
 #: million would be lower.
 MAX_DIVISOR_STD, LOWEST_DIVISOR = 1.0 / 6.0, -5.0
+#: The type of radar whose radars share an error, or none.
+SHARED = Text(f"({TYPE.pattern})?", f"{TYPE}, or empty")
 _LOSS = f"{LOSSES_KEY}."  # begins the key of a loss by name
 #: Points and weights of Gauss-Legendre quadrature, which take 15 ms to compute.
 _legendre = cache(np.polynomial.legendre.leggauss)
@@ -33,7 +35,7 @@ ErrorKey: TypeAlias = tuple[int | str, str]
 
 
 @dataclass(frozen=True)
-class Tolerance:
+class Tolerance(Checked):
     """The tolerance of a parameter of a radar constant, in the unit of its key.
 
     The parameter is Gaussian, or rectangular: any value within limits, as a data sheet gives them,
@@ -50,20 +52,16 @@ class Tolerance:
         shared: The type of radar whose radars have one error of this parameter; "" for one radar.
     """
 
-    key: str
-    value: float
-    std: float
-    power: int
-    decibels: bool
-    rectangular: bool = False
-    shared: str = ""
+    key: str = declared(NAME)
+    value: float = declared(ANY)
+    std: float = declared(NOT_NEGATIVE)
+    power: int = declared(Limit(whole=True))
+    decibels: bool = declared(bool)
+    rectangular: bool = declared(bool, default=False)
+    shared: str = declared(SHARED, default="")
 
     def __post_init__(self) -> None:
-        if not NAME.allows(self.key):
-            raise InputError(f"key must be {NAME}, got {describe(self.key)}")
-        check_number("value", self.value, ANY)
-        check_number("std", self.std, NOT_NEGATIVE)
-        check_number("power", self.power, Limit(whole=True))
+        super().__post_init__()
         if not self.decibels and not self.value > 0:
             raise InputError(f"value must be greater than 0 if not in decibels, got {self.value:g}")
 

@@ -84,6 +84,8 @@ def check_rcs(rcs: Any) -> None:
         (f"{name}.linearize", sigma, (2, 13)),
         (f"the gradient of {name}.linearize", gradient, (2, 13, 3)),
     ):
+        if not isinstance(values, np.ndarray):
+            raise InputError(f"{what} must return an array, got {describe(values)}")
         array = real_array(what, values)
         if array.shape != shape:
             raise InputError(f"{what} must return shape {shape} for (2, 13, 3), got {array.shape}")

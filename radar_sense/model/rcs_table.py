@@ -184,8 +184,8 @@ class TableRCS(ReadOnly):
         if self.elevation is not None:
             axes["elevation"] = self.elevation
         for name, angles in axes.items():
-            if angles.ndim != 1 or not np.all(np.isfinite(angles)):
-                raise InputError(f"{name} must be finite and of shape (n,)")
+            if angles.ndim != 1 or not angles.size or not np.all(np.isfinite(angles)):
+                raise InputError(f"{name} must be finite and of shape (n,), with n > 0")
             problem = out_of_order(name, angles) or gap(name, angles)
             if problem:
                 raise InputError(problem[1])

@@ -19,7 +19,7 @@ from radar_sense.model.track import (
     over_ground,
     velocity_on_legs,
 )
-from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, real_array, slices
+from radar_sense.states import DOWN, POSITION, FloatArray, ReadOnly, read_only, slices
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline
@@ -63,9 +63,7 @@ class Route(ReadOnly):
     def __post_init__(self) -> None:
         for name in ("time_s", "aircraft", "covariance"):
             if (values := getattr(self, name)) is not None:
-                array = real_array(name, values).view()  # the caller's own stays as it is
-                array.flags.writeable = False
-                object.__setattr__(self, name, array)
+                object.__setattr__(self, name, read_only(name, values))
 
     def __repr__(self) -> str:
         return (

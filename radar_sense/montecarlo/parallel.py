@@ -51,8 +51,8 @@ def _submit(executor: Executor, function: Callable[[int], T], index: int) -> Fut
     try:
         return executor.submit(function, index)
     except RuntimeError as error:
-        if "thread" not in str(error):
+        if "thread" not in str(error) and "schedule" not in str(error):
             raise
         raise ComputationError(
-            f"no more threads can be started ({error}); use fewer workers"
+            f"no more calls can be started ({error}); use fewer workers, or a running executor"
         ) from error

@@ -374,22 +374,21 @@ def _kind(kind: Kind | Limit | Text | tuple[str, ...] | type | Mapping[str, type
     return kind if isinstance(kind, Kind) else section(kind)
 
 
-def number(limit: Limit, *, infinite: bool = False) -> Kind:
+def number(limit: Limit) -> Kind:
     """Return the kind of a number: an int where it must be whole, else `Typed` or infinity."""
-    allowed = f"{limit}{', or .inf' if infinite else ''}"
 
     def read(place: Place) -> float:
         text = place.plain or ""
-        if infinite and _INFINITE.fullmatch(place.text or ""):
+        if limit.infinite and _INFINITE.fullmatch(place.text or ""):
             return math.inf  # with quotes too, because JSON has no infinite numbers
-        if NOT_FINITE.fullmatch(text) and not infinite:
+        if NOT_FINITE.fullmatch(text) and not limit.infinite:
             raise place.error(f"must be finite, and {limit}, got {text}")
         if len(text) > MAX_DIGITS or not NUMBER.fullmatch(text):
             quoted = not text and NUMBER.fullmatch(place.text or "")
-            raise place.wrong(allowed, "; leave out the quotes" if quoted else advice(text, limit))
+            raise place.wrong(limit, "; leave out the quotes" if quoted else advice(text, limit))
         value = int(text) if limit.whole and _is_whole(text) else Typed(text)
         if not limit.allows(value):
-            raise place.wrong(allowed)
+            raise place.wrong(limit)
         if limit.whole:
             return int(value)  # 1e4 is a whole number
         if abs(value) > LARGEST or (0 < abs(value) < SMALLEST and limit.below is None):
@@ -408,7 +407,7 @@ def number(limit: Limit, *, infinite: bool = False) -> Kind:
             "exclusiveMaximum": limit.below,
             "maximum": limit.at_most,
         }
-        if not (limit.whole or infinite):
+        if not (limit.whole or limit.infinite):
             if limit.above is None and limit.at_least is None:
                 ends["minimum"] = -LARGEST
             if limit.below is None and limit.at_most is None:
@@ -416,9 +415,9 @@ def number(limit: Limit, *, infinite: bool = False) -> Kind:
         finite: Schema = {"type": "integer" if limit.whole else "number"}
         finite |= {name: end for name, end in ends.items() if end is not None}
         infinity = {"type": "string", "pattern": r"^\+?\.?[iI][nN][fF]([iI][nN][iI][tT][yY])?$"}
-        return {"anyOf": [finite, infinity]} if infinite else finite
+        return {"anyOf": [finite, infinity]} if limit.infinite else finite
 
-    return Kind(allowed, read, schema, write)
+    return Kind(str(limit), read, schema, write)
 
 
 def _is_whole(text: str) -> bool:

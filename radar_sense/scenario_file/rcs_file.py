@@ -21,8 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.errors import InputError, describe
-from radar_sense.limits import LARGEST, SMALLEST, Limit
+from radar_sense.limits import LARGEST, SMALLEST, Limit, check_flag
 from radar_sense.model.rcs_table import (
     STD_DB,
     Problem,
@@ -61,8 +60,7 @@ def load_rcs_table(
     Raises:
         InputError: If the file cannot be read or anything in the file is not allowed.
     """
-    if not isinstance(mirror, bool):
-        raise InputError(f"mirror must be True or False, got {describe(mirror)}")
+    check_flag("mirror", mirror)
     with open_text(path, "an RCS table") as file:
         return read_rcs_table(file, mirror, envelope)
 

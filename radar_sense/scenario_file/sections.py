@@ -16,6 +16,7 @@ from typing import Any
 from radar_sense.limits import (
     ANY,
     BAND,
+    CORRELATION,
     LEVEL_NAME,
     MAX_RADARS,
     METHODS,
@@ -190,7 +191,7 @@ class Uncertainty(Section):
         "Covariance of the pose; required unless the route file has it.", PoseUncertainty
     )
     aircraft_correlation_s: float = key(
-        "Correlation time of the pose errors.", number(NOT_NEGATIVE, infinite=True), default=0.0
+        "Correlation time of the pose errors.", CORRELATION, default=0.0
     )
     radar: Levels | None = optional(
         "Levels of uncertainty of the radar, by name; required with `radar`, not allowed with "

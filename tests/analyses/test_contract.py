@@ -157,10 +157,11 @@ def test_a_result_is_pickled_with_its_figure():
     assert again.plot().axes
 
 
-def test_a_result_without_a_figure_is_saved(tmp_path):
+def test_a_result_without_table_and_figure_has_a_record(tmp_path):
     """The format may be one word, too."""
-    saved = rs.analyses.check(rs.load_scenario()).save(tmp_path, "pdf")
-    assert [path.name for path in saved] == ["paper_check.csv", "paper_check.json"]
+    result = rs.analyses.check(rs.load_scenario())
+    assert [path.name for path in result.save(tmp_path, "pdf")] == ["paper_check.json"]
+    assert repr(result) == "<Result of check: paper; .report, .warnings, .save(folder)>"
 
 
 @pytest.mark.parametrize("name", [*ALL, "check", "report"])

@@ -4,7 +4,7 @@ import math
 import pickle
 import threading
 import tracemalloc
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import chain_rule
 import numpy as np
@@ -305,8 +305,12 @@ def test_running_out_of_memory_or_threads_says_what_to_reduce(monkeypatch):
         for workers in (1, 3):
             with pytest.raises(ComputationError, match=r"^out of memory; use fewer workers"):
                 monte_carlo(s, runs=100, workers=workers)
+    with ThreadPoolExecutor(1) as shut:
+        pass
+    with pytest.raises(ComputationError, match=r"^no more calls .* or a running executor$"):
+        monte_carlo(s, runs=100, executor=shut)
     monkeypatch.setattr(threading.Thread, "start", no_thread)
-    with pytest.raises(ComputationError, match=r"no more threads .* use fewer workers$"):
+    with pytest.raises(ComputationError, match=r"^no more calls .* use fewer workers"):
         monte_carlo(s, runs=100_000, workers=3)
 
 

@@ -355,7 +355,7 @@ def is_unreliable(states, found, method):
 
 @pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("beta", [0.1, 3.0, 60.0])
+@pytest.mark.parametrize("beta", [0.1, 3.0, 10.0])
 def test_bounds_stay_within_0_and_1(method, beta):
     """At any β, and at deviations with which the linear band exceeds 1."""
     cov_aircraft = independent(1e4, 1e4, 1e4, 0.1, 0.1, 0.1)
@@ -366,7 +366,7 @@ def test_bounds_stay_within_0_and_1(method, beta):
         assert beta < 3 or found.upper.max() > 1
         return
     known = np.isfinite(found.std + found.lower + found.upper)
-    assert known.any() or (method == "form" and beta > 30)
+    assert known.any()
     assert known.all() or method == "form"
     assert np.all(found.lower[known] >= 0)
     assert np.all(found.upper[known] <= 1)

@@ -57,7 +57,7 @@ class Cart:
     name: str = key("Name.", NAME)
     load_kg: float | None = key("Load [kg].", NOT_NEGATIVE, one_of="load")
     boxes: int | None = key("Boxes.", RUNS, one_of="load")
-    life_s: float = key("Life.", number(NOT_NEGATIVE, infinite=True), default=0.0)
+    life_s: float = key("Life.", Limit(at_least=0, infinite=True), default=0.0)
     colour: str = key("Colour.", ("red", "green", "4"), default="red")
     brake: bool = key("Brake.", yes_no(), default=False)
     place_m: Any = key("Place.", numbers(2), default=None)
