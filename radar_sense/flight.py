@@ -51,7 +51,7 @@ class Geometry(ReadOnly):
     axis: Axis
     aircraft: FloatArray = field(repr=False)
     covariance: FloatArray = field(repr=False, default_factory=lambda: CERTAIN)
-    #: Step of the coordinate that is not halved further, because P_D jumps at a horizon.
+    #: Step of the coordinate that is not halved further.
     shortest: ClassVar[float] = 0.0
 
     @property
@@ -168,7 +168,7 @@ class Orbit(_Level):
     """
 
     radius: float = 0.0
-    shortest = 0.01
+    shortest = 1e-5
 
     def _polar(self, coordinate: FloatArray) -> tuple[FloatArray, FloatArray]:
         return coordinate, np.full(coordinate.shape, self.radius)
@@ -183,7 +183,7 @@ class Radial(_Level):
     """
 
     azimuth: float = 0.0
-    shortest = 1e-3
+    shortest = 1e-6
 
     def _polar(self, coordinate: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.full(coordinate.shape, self.azimuth), 1e3 * coordinate
@@ -212,7 +212,7 @@ class Path(Geometry):
     flight: Route | None = field(default=None, repr=False)
     method: str = "legs"
     sea_level: float = 0.0
-    shortest = 0.2
+    shortest = 2e-4
 
     def __post_init__(self) -> None:
         check_choice("method", self.method, METHODS)

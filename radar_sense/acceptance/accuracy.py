@@ -238,7 +238,7 @@ class _Search:
         doubted = self.method == AUTOMATIC and self.k is not None and not smaller
         if not agree or (doubted and not self.holds(names, 0.0)):
             return self._proven(names, 0.0, last, -self._off)
-        final = factor == np.inf or self.method != AUTOMATIC
+        final = factor == np.inf or (known and self.method != AUTOMATIC)
         more = not final and (
             self._strict(names, last) if self.k is None else self.holds(names, last)
         )

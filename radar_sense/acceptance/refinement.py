@@ -8,7 +8,9 @@ on the line. The attitude is constant.
 
 No lobe of an RCS, node of a table, gain or mask fits between two poses of the test, and those where
 a radar is closest or a limit is nearest or crossed are among them. This does not depend on P_D of
-the nominal states: errors may reach a lobe, a gap or a limit that the nominal states do not.
+the nominal states: errors may reach a lobe, a gap or a limit that the nominal states do not. The
+peaks of P_D are among them, too, and its troughs where they matter: the gap between two lobes may
+be much narrower than a lobe.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from numpy.typing import NDArray
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.flight import CERTAIN
 from radar_sense.limits import MIN_RANGE
+from radar_sense.model.fusion import UNSEEN
 from radar_sense.model.geometry import body_vector, join, slant_range
 from radar_sense.propagation import Band
 from radar_sense.scenario import Scenario
@@ -37,14 +40,13 @@ LARGEST_TURN, HALF = np.deg2rad(5.0), 0.5
 #: Largest distance between two poses, as a part of the range of each radar. Rows are left out
 #: where a covariance changes by less than this part of its variances.
 LARGEST_MOVE = 0.1
-#: Shortest step that lobes divide, as a part of `Geometry.shortest`.
-LEAST_STEP = 1e-3
 #: Most poses between the rows of a flight.
 MAX_POSES = 20_000
 #: P_D and its bound may differ from straight lines between poses by the smaller of
-#: RELATIVE_TOLERANCE · the room of the limit and TOLERANCE. A bound within the limit may differ by
-#: no more than its distance to the limit, down to CLOSEST of this. That is two more halvings, of
-#: which each leaves a quarter of the difference.
+#: RELATIVE_TOLERANCE · the room of the limit and TOLERANCE, and by RELATIVE_TOLERANCE · their
+#: distance beyond the limit. A bound within the limit may differ by no more than its distance to
+#: the limit, down to CLOSEST of this. That is two more halvings, of which each leaves a quarter of
+#: the difference.
 RELATIVE_TOLERANCE, TOLERANCE, CLOSEST = 0.01, 0.002, 1.0 / 16.0
 #: Decimals of the places of closest points and crossings, and a unit of the last one.
 DECIMALS = 6
@@ -134,11 +136,12 @@ def refined(
             band = Band.join([band, propagate(along(scenario, new))]).at(ranked)
             place = place[ranked]
         noise, bound = 2.0 * np.maximum(band.error[1:], band.error[:-1]), requirement.bound(band)
-        margin = requirement.margin(bound)
-        margin = np.minimum(margin[1:], margin[:-1])
-        near = np.clip(margin, CLOSEST * tolerance, tolerance)
-        bent = _bend(place, band.p_d) > tolerance
-        bent |= _bend(place, bound) > np.where(margin >= 0, near, tolerance) + noise
+        margins = [requirement.margin(values) for values in (band.p_d, bound)]
+        within = np.minimum(margins[1][1:], margins[1][:-1])
+        near = np.clip(within, CLOSEST * tolerance, tolerance)
+        of_p_d, of_bound = (_beyond(margin, tolerance) for margin in margins)
+        bent = _bend(place, band.p_d) > of_p_d
+        bent |= _bend(place, bound) > np.where(within >= 0, near, of_bound) + noise
         new = _middles(place)[bent & (abs(np.diff(place)) > shortest)]
         resolved &= len(place) + len(new) < most
         if not (resolved and new.size):
@@ -150,6 +153,11 @@ def refined(
         resolved,
         tolerance,
     )
+
+
+def _beyond(margin: FloatArray, tolerance: float) -> FloatArray:
+    """Return the tolerance (n − 1,) of values with a margin (n,), more of steps far beyond."""
+    return np.fmax(tolerance, -RELATIVE_TOLERANCE * np.maximum(margin[1:], margin[:-1]))
 
 
 def along(scenario: Scenario, place: FloatArray) -> Scenario:
@@ -199,11 +207,12 @@ def places(scenario: Scenario, *, lowest: bool = False) -> FloatArray:
 
     These are the poses and rows of the flight, see `_rows`, the middles of coarse steps, the
     closest point to each radar, the point nearest to its limits, both sides of each crossing of a
-    limit, and a place just before each waypoint at which the course jumps. Where the lowest P_D
-    matters, the farthest points are among them, and those deepest beyond a limit. Steps are halved
-    until `MAX_POSES` coordinates are added. With more, some steps may still be coarse.
+    limit, the peaks of P_D, and a place just before each waypoint at which the course jumps. Where
+    the lowest P_D matters, its troughs and the farthest points are among them, and those deepest
+    beyond a limit. Steps are halved until `MAX_POSES` coordinates are added. With more, some steps
+    may still be coarse.
     """
-    nominal, shortest = _nominal(scenario), LEAST_STEP * scenario.geometry.shortest
+    nominal, shortest = _nominal(scenario), scenario.geometry.shortest
     place = _rows(scenario, lowest=lowest)
     most = len(scenario.geometry.axis) + MAX_POSES
     while len(place) < most:
@@ -211,7 +220,7 @@ def places(scenario: Scenario, *, lowest: bool = False) -> FloatArray:
         if not coarse.any():
             break
         place = np.sort(np.append(place, _middles(place)[coarse]))
-    for turning in (_nearness, _margins):
+    for turning in (_nearness, _margins, _probit):
         for sign in (1.0, -1.0) if lowest else (1.0,):
             place = np.union1d(place, _maxima(nominal, place, turning, sign))
     place = np.union1d(place, _crossings(nominal, place))
@@ -232,8 +241,7 @@ def _rows(scenario: Scenario, *, lowest: bool) -> FloatArray:
     place = whole.geometry.coordinate
     if len(place) == len(geometry.axis):
         return np.sort(place)
-    p_d = whole.p_d()[:, np.newaxis]
-    changes, values = coarseness(whole), [_nearness(whole), _margins(whole), p_d]
+    changes, values = coarseness(whole), [_nearness(whole), _margins(whole), _probit(whole)]
     if whole.cov_aircraft.ndim == 3:
         changes = np.maximum(changes, _scattering(whole.cov_aircraft))
         values.append(np.diagonal(whole.cov_aircraft, axis1=1, axis2=2))
@@ -274,6 +282,12 @@ def _margins(poses: Scenario) -> FloatArray:
     each = zip(poses.radars, poses.radar_states, strict=True)
     margins = [radar.margin(poses.aircraft, state) for radar, state in each if radar.limited]
     return join(margins) if margins else np.empty((len(poses.aircraft), 0))
+
+
+def _probit(poses: Scenario) -> FloatArray:
+    """Return the probit of P_D (n, 1): between two poses where P_D is 1 there may be a gap."""
+    z, _, _ = poses.model.linearize_probit(poses.aircraft, poses.radar)
+    return np.clip(np.nan_to_num(z, nan=-UNSEEN), UNSEEN, -UNSEEN)[:, np.newaxis]
 
 
 def _maxima(

@@ -110,7 +110,10 @@ def attitude_from_motion(
             f"cannot be derived from the track; give the columns {', '.join(ATTITUDE_COLUMNS)}"
         )
     known = np.maximum.accumulate(np.where(moves, np.arange(len(speed)), -1))
-    known[known < 0] = np.argmax(moves)
+    first = int(np.argmax(moves))
+    if first and speed[first - 1] > _NO_SPEED:  # the course at the end of a hover, as it departs
+        first -= 1
+    known[known < 0] = first
     yaw = np.arctan2(east, north)[known]
     pitch = np.where(moves, np.arctan2(-down, speed), 0.0)
     acceleration_right = north * acceleration[:, 1] - east * acceleration[:, 0]

@@ -318,6 +318,8 @@ def _above_ellipsoid(track: Track, stated: sections.Path) -> float:
 def _times(track: Track, speed_m_s: float | None, max_gap_s: float | None) -> FloatArray:
     """Return the time of each pose (n,) [s], from the file or from speeds along the legs."""
     if track.time is None:
+        if max_gap_s is not None:
+            raise track.error("has no times; max_gap_s is for rows with times")
         return _times_of_waypoints(track, speed_m_s)
     if speed_m_s is not None:
         raise track.error("has times; speed_m_s is for waypoints without times")

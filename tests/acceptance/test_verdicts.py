@@ -504,6 +504,28 @@ def test_a_probability_is_tested_alone():
     assert of_both.summary["threshold"]["verdict"] == "violated"
 
 
+def test_draws_look_on_where_form_has_no_value():
+    """Errors of the position of 5 km take the aircraft out of range, and 1.45 is met at all."""
+    s = scenario(
+        geometry={
+            "type": "radial",
+            "range_km": {"start": 20, "stop": 40, "step": 5},
+            "azimuth_deg": 0,
+            "down_km": -2,
+        },
+        aircraft={"rcs": {"model": "constant", "rcs_m2": 0.5}, "attitude_deg": [0, 0, 0]},
+        radar__constant=0.001,
+        radar__detector="swerling1",
+        radar__max_range_km=30,
+        uncertainty={
+            "aircraft": {"position_m": 300, "attitude_deg": 1},
+            "radar": {"medium": {"position_m": 50, "constant": 1e-4}},
+        },
+    )
+    (found,) = required(s, 1.45, "aircraft_position", method="form").values()
+    assert found.factor == np.inf
+
+
 def test_better_knowledge_helps_where_p_d_itself_is_beyond_the_limit_of_a_probability():
     """At the top of a lobe errors of yaw lower P_D, and one of c_r may raise it."""
     s = scenario(

@@ -228,10 +228,10 @@ def test_factors_beyond_the_values_of_a_method_are_not_known(monkeypatch):
     monkeypatch.setattr(form, "ITERATIONS", 20)  # a search that fails takes all of them
     s = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
     some = required(s, 1.5, "radar_constant", "aircraft_orientation", method="form")
-    for source, found in some.items():
-        # a constant that is nothing or huge makes P_D 0 or 1, and 3σ of that is not above 1.5
-        assert found.known == (source == "radar_constant")
-        assert found.factor > 5
+    for found in some.values():
+        # draws find that 3σ of P_D is not above 1.5, whatever the error is
+        assert found.factor == np.inf
+        assert found.known
         assert found.residual <= 1.5
     # Form does not converge where two lobes meet.
     spiky = load_scenario("configs/spikeball.yaml").at_poses(slice(0, None, 60))

@@ -285,6 +285,14 @@ def test_gaps_are_refused_if_asked():
     for wrong in (0, -1, math.nan):
         with refused("max_gap_s must be"):
             load(text, max_gap_s=wrong)
+    with refused("route.csv:1: has no times; max_gap_s"):
+        load("north_m,east_m,down_m\n0,0,0\n100,0,0\n", max_gap_s=10, speed_m_s=1)
+
+
+def test_a_hover_before_the_first_leg_has_the_course_of_departure():
+    route = load(f"{HEAD}\n0,0,0,0\n60,0,0,0\n120,3000,0,0\n180,3000,3000,0\n240,3000,3000,0\n")
+    assert np.rad2deg(route.aircraft[:, 5]) == pytest.approx([0, 0, 45, 90, 90])
+    assert not route.aircraft[:2, 3:5].any()
 
 
 def test_an_origin_must_be_a_place_and_have_a_use():
