@@ -237,11 +237,12 @@ def test_a_margin_without_a_band(method):
     assert 58 < table["lower_3sigma_margin_db"][0] < 59.03 < table["upper_3sigma_margin_db"][0] < 70
 
 
-def test_a_radar_constant_that_may_be_zero():
+@pytest.mark.parametrize("p_d", [0.9, 1e-3])  # which need an SNR above and below 0 dB
+def test_a_radar_constant_that_may_be_zero(p_d):
     """The margin is then below every number: no SNR."""
     level = {"medium": {"position_m": 0, "constant": 160}}
     s = scenario(uncertainty__radar=level, geometry__azimuth_deg=ONE_POSE)
-    found = rs.analyses.detectors(s, p_d=0.9, method="automatic")
+    found = rs.analyses.detectors(s, p_d=p_d, method="automatic")
     table = found.table
     assert table["lower_3sigma_margin_db"][0] == -math.inf
     most = table["upper_3sigma_margin_db"][0]
