@@ -136,12 +136,13 @@ def refined(
             band = Band.join([band, propagate(along(scenario, new))]).at(ranked)
             place = place[ranked]
         noise, bound = 2.0 * np.maximum(band.error[1:], band.error[:-1]), requirement.bound(band)
-        margins = [requirement.margin(values) for values in (band.p_d, bound)]
-        within = np.minimum(margins[1][1:], margins[1][:-1])
+        margin = requirement.margin(bound)
+        within = np.minimum(margin[1:], margin[:-1])
         near = np.clip(within, CLOSEST * tolerance, tolerance)
-        of_p_d, of_bound = (_beyond(margin, tolerance) for margin in margins)
-        bent = _bend(place, band.p_d) > of_p_d
-        bent |= _bend(place, bound) > np.where(within >= 0, near, of_bound) + noise
+        allowed = np.where(within >= 0, near, _beyond(margin, tolerance))
+        bent = _bend(place, bound) > allowed + noise
+        if not requirement.width:
+            bent |= _bend(place, band.p_d) > _beyond(requirement.margin(band.p_d), tolerance)
         new = _middles(place)[bent & (abs(np.diff(place)) > shortest)]
         resolved &= len(place) + len(new) < most
         if not (resolved and new.size):

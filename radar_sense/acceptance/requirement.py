@@ -24,12 +24,14 @@ class Requirement:
         at_least: Whether the limit is P_min.
         probability: The largest probability of P_D beyond the limit, Φ(−k), where it was given in
             place of k. P_D itself may then be beyond the limit.
+        width: Whether the limit is one of kσ, half the width of the band, and not of P_D.
     """
 
     limit: float
     k: float = 3.0
     at_least: bool = False
     probability: float | None = None
+    width: bool = False
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -51,7 +53,9 @@ class Requirement:
         return p_d - self.limit if self.at_least else self.limit - p_d
 
     def bound(self, band: Band) -> FloatArray:
-        """Return the bound of P_D (n,) on the side of the limit."""
+        """Return the bound of P_D (n,) on the side of the limit; or half the width of the band."""
+        if self.width:
+            return 0.5 * (band.upper - band.lower)
         return band.lower if self.at_least else band.upper
 
     def beyond(self, found: Estimate) -> tuple[FloatArray, FloatArray]:

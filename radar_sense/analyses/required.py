@@ -67,7 +67,7 @@ def required_accuracy(
     if method == MONTE_CARLO:
         others = ", ".join(m for m in METHODS if m != MONTE_CARLO)
         raise InputError(f"'{option}' needs one of the methods {others}")
-    goal = asked or Requirement(limit)
+    goal = asked or Requirement(limit, width=True)
     chosen = scenario if at is None else scenario.at_poses(np.array([scenario.axis.pose_at(at)]))
     propagate = partial(band_of_scenario, method=method, beta=goal.k)
     poses = refinement.resolve(chosen, propagate, goal)
