@@ -139,10 +139,10 @@ def refined(
         margin = requirement.margin(bound)
         within = np.minimum(margin[1:], margin[:-1])
         near = np.clip(within, CLOSEST * tolerance, tolerance)
-        allowed = np.where(within >= 0, near, _beyond(margin, tolerance))
+        allowed = np.where(within >= 0, near, _tolerance(margin, tolerance))
         bent = _bend(place, bound) > allowed + noise
         if not requirement.width:
-            bent |= _bend(place, band.p_d) > _beyond(requirement.margin(band.p_d), tolerance)
+            bent |= _bend(place, band.p_d) > _tolerance(requirement.margin(band.p_d), tolerance)
         new = _middles(place)[bent & (abs(np.diff(place)) > shortest)]
         resolved &= len(place) + len(new) < most
         if not (resolved and new.size):
@@ -156,9 +156,9 @@ def refined(
     )
 
 
-def _beyond(margin: FloatArray, tolerance: float) -> FloatArray:
-    """Return the tolerance (n − 1,) of values with a margin (n,), more of steps far beyond."""
-    return np.fmax(tolerance, -RELATIVE_TOLERANCE * np.maximum(margin[1:], margin[:-1]))
+def _tolerance(margin: FloatArray, least: float) -> FloatArray:
+    """Return the tolerance (n − 1,) of values with a margin (n,): more than the least far beyond."""
+    return np.fmax(least, -RELATIVE_TOLERANCE * np.maximum(margin[1:], margin[:-1]))
 
 
 def along(scenario: Scenario, place: FloatArray) -> Scenario:
