@@ -157,7 +157,7 @@ def refined(
 
 
 def _tolerance(margin: FloatArray, least: float) -> FloatArray:
-    """Return the tolerance (n − 1,) of values with a margin (n,): more than the least far beyond."""
+    """Return the tolerance (n − 1,) of values with a margin (n,), above the least far beyond."""
     return np.fmax(least, -RELATIVE_TOLERANCE * np.maximum(margin[1:], margin[:-1]))
 
 
