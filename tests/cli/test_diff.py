@@ -28,6 +28,13 @@ def test_the_scenario_and_the_numbers(tool):
     assert f"  {key}.value: {one:.6g} -> {other:.6g} ({other - one:+.3g})" in lines
 
 
+def test_a_small_number_of_a_scenario_is_no_rounding(tool):
+    records = []
+    for p_fa in ("1e-13", "2e-13"):
+        records.append(write(tool, p_fa, "--set", f"radar.p_fa={p_fa}"))
+    assert "  radar.p_fa: 1e-13 -> 2e-13 (+1e-13)" in tool("diff", *records).out.splitlines()
+
+
 def test_tables_that_differ_alone(tool):
     """The summary of `variance` has no bounds."""
     records = [f"{k}/paper_variance.json" for k in (1, 3)]
