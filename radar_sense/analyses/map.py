@@ -194,8 +194,8 @@ def coverage_map(
         "route": [float(np.fmin.reduce(route)), float(np.fmax.reduce(route))],
     }
     off = _off_by_draws(cells, method, k) if upper else {}
-    many_unknown = np.count_nonzero(np.isnan(shown)) > len(scenario.model.models)
-    sides = {*off, *(["high"] if many_unknown else [])}  # unknown cells count
+    unknown = _unknown(cells, shown)
+    sides = {*off, *(["high"] if unknown else [])}  # unknown cells count
     most = {"high": "at most ", "low": "at least "}[sides.pop()] if len(sides) == 1 else ""
     quantity = f"upper {k:g}-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     place = _pose_in_words(result.summary)
@@ -208,16 +208,16 @@ def coverage_map(
     ends = " to ".join(map(probability, result.summary["route"]))
     result.report += [f"along the route, at the attitude of each pose, {most}{ends}"]
     result.warnings += height_of_option(scenario, down_km)
-    result.warnings += _warnings(cells, shown, method)
-    unknown = "at the route, the bound has no value" if upper else "at the route, P_D has no value"
-    result.warnings += placed("no-value", np.isnan(route), scenario.axis, unknown)
+    result.warnings += _warnings(cells, shown, method, unknown)
+    without = "at the route, the bound has no value" if upper else "at the route, P_D has no value"
+    result.warnings += placed("no-value", np.isnan(route), scenario.axis, without)
     if off:
         remedy = "use variance at poses there" if method == "form" else REMEDY
         text = f"the {method} bound is off in some of the cells that were checked"
         by = f"{' and '.join(off.values())}, in others perhaps by more"
         result.warnings.append(warning("band-off", f"{text}: {by}; {remedy}"))
     result.exports = {"geojson": partial(geojson, cells=cells, route=route)}
-    result.draw = partial(_draw, result=result, route=route)
+    result.draw = partial(_draw, result=result, route=route, unknown=unknown)
     return result
 
 
@@ -236,11 +236,20 @@ def _on_earth(
     return {"latitude": places[..., 0], "longitude": places[..., 1]}, cos_tilt
 
 
-def _warnings(cells: Grid, shown: Plane, method: str) -> Iterator[str]:
+def _unknown(cells: Grid, shown: Plane) -> int:
+    """Return how many cells have no value, without those straight above a radar.
+
+    The aspect has no gradient there.
+    """
+    unknown = np.isnan(shown)
+    for north, east, *_ in cells.scenario.radar_states:
+        unknown[abs(cells.north - north).argmin(), abs(cells.east - east).argmin()] = False
+    return int(np.count_nonzero(unknown))
+
+
+def _warnings(cells: Grid, shown: Plane, method: str, unknown: int) -> Iterator[str]:
     scenario, of_all = cells.scenario, f"of {shown.size:,} cells"
-    unknown = int(np.count_nonzero(np.isnan(shown)))
-    # straight above a radar, the aspect has no gradient: one cell a radar says nothing
-    if unknown > len(scenario.model.models):
+    if unknown:
         yield warning("cells-unknown", f"no number in {unknown:,} {of_all} (NaN in the file)")
     beyond = int(np.count_nonzero(shown > 1))
     if beyond:
@@ -279,7 +288,7 @@ def _off_by_draws(cells: Grid, method: str, k: float) -> dict[str, str]:
     }
 
 
-def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
+def _draw(figure: Figure, result: Result, route: FloatArray, unknown: int) -> None:
     """Draw the cells with contours, the route and the radars."""
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
@@ -310,8 +319,7 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     image = axes.imshow(
         values, origin="lower", extent=extent, cmap=colours, vmin=0, vmax=1, aspect="equal"
     )
-    # straight above a radar there is no gradient: one cell a radar needs no words
-    if np.count_nonzero(np.isnan(values)) > len(scenario.radars):
+    if unknown:
         plotting.add_small_print(figure, "red: no value")
     low, high = np.nanmin(values, initial=1), np.nanmax(values, initial=0)
     k = result.summary.get("k", 3.0)

@@ -188,7 +188,7 @@ def _add_sources(table: Table, at: RangeAt, label: str, of: str) -> None:
     limited, edges = at.reach.limited.astype(float), at.reach.edges.astype(float)
     meaning = f"{of}1 where a limit of the radar comes first, else 0."
     table.add(f"limited_{label}", limited, meaning)
-    meaning = f"{of}Number of times that P_D passes the value along the ray."
+    meaning = f"{of}Number of times that P_D was found to pass the value along the ray."
     table.add(f"edges_{label}", edges, meaning)
 
 
@@ -282,7 +282,7 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
         "sigma has no value {}: P_D does not fall with distance": without[0] & ~limited,
         "the lower bound has no value {}": without[1] & ~limited,
         "the upper bound has no value {}": without[2] & ~limited,
-        f"passed several times, at up to {edges.max()} ranges, {{}}; the farthest is given": (
+        f"passed several times, at {edges.max()} ranges or more, {{}}; the farthest is given": (
             edges > 1
         ),
         f"still higher at {end}, {{}}; sigma has no value": at.reach.endless,
