@@ -9,8 +9,8 @@ on the line. The attitude is constant.
 No lobe of an RCS, node of a table, gain or mask fits between two poses of the test, and those where
 a radar is closest or a limit is nearest or crossed are among them. This does not depend on P_D of
 the nominal states: errors may reach a lobe, a gap or a limit that the nominal states do not. The
-peaks of P_D are among them, too, and its troughs where they matter: the gap between two lobes may
-be much narrower than a lobe.
+peaks and troughs of P_D are among them, too: the gap between two lobes may be much narrower than a
+lobe.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.flight import CERTAIN
 from radar_sense.limits import MIN_RANGE
-from radar_sense.model.fusion import UNSEEN
+from radar_sense.model.fusion import UNSEEN, fuse_probits
 from radar_sense.model.geometry import body_vector, join, slant_range
 from radar_sense.propagation import Band
 from radar_sense.scenario import Scenario
@@ -35,8 +35,9 @@ from radar_sense.search import golden_section
 from radar_sense.states import POSITION, FloatArray
 
 #: Largest turn between two poses [rad], of the aspect and of the direction from a radar. It is also
-#: HALF of a lobe of the RCS, or of the distance of two nodes of a table, gain or mask.
-LARGEST_TURN, HALF = np.deg2rad(5.0), 0.5
+#: PART of a lobe of the RCS, or of the distance of two nodes of a table, gain or mask: less than a
+#: half, with which all poses may lie half way between top and gap.
+LARGEST_TURN, PART = np.deg2rad(5.0), 0.45
 #: Largest distance between two poses, as a part of the range of each radar. Rows are left out
 #: where a covariance changes by less than this part of its variances.
 LARGEST_MOVE = 0.1
@@ -53,6 +54,9 @@ DECIMALS = 6
 UNIT = 10.0**-DECIMALS
 #: Differences below this part of the greatest value are rounding, and no maximum is searched there.
 ROUNDING = 1e-12
+#: Part of the distance by which an aircraft that is straight above or below a radar, in its own
+#: frame, is aside by rounding.
+ABOVE = 1e-9
 #: Steps of a search: a bracket of a closest point shrinks to 4e-9 of itself, one of a crossing to
 #: 2⁻⁴⁰.
 SEARCH = 40
@@ -173,7 +177,7 @@ def coarseness(path: Scenario, *, lobes: bool = True) -> FloatArray:
 
     Args:
         path: The poses.
-        lobes: Whether a step may be no longer than `HALF` of the finest detail of a radar.
+        lobes: Whether a step may be no longer than `PART` of the finest detail of a radar.
     """
     changes = np.zeros(len(path.aircraft) - 1)
     for single, radar in zip(path.radars, path.radar_states, strict=True):
@@ -181,7 +185,7 @@ def coarseness(path: Scenario, *, lobes: bool = True) -> FloatArray:
         if single.mask is not None:
             by_direction.append(single.mask.detail)
         finest = min([rcs.detail, *by_direction]) if lobes else math.inf
-        largest = min(LARGEST_TURN, HALF * finest)
+        largest = min(LARGEST_TURN, PART * finest)
         line = path.aircraft[:, POSITION] - radar[POSITION]
         distance = np.linalg.norm(line, axis=1)
         moved = np.linalg.norm(np.diff(line, axis=0), axis=1)
@@ -195,8 +199,8 @@ def coarseness(path: Scenario, *, lobes: bool = True) -> FloatArray:
         x, y, z = body_vector(path.aircraft, radar).T
         across = np.hypot(x, y)
         turn = abs(np.diff(np.unwrap(np.arctan2(y, x))))
-        # near the poles a turn in azimuth is no turn of the aspect
-        turn *= np.minimum(1.0, 2.0 * np.maximum(across[1:], across[:-1]) / distance[1:])
+        # an azimuth straight above or below is rounding
+        turn[np.minimum(across[1:], across[:-1]) <= ABOVE * distance[1:]] = 0.0
         turn = np.maximum(turn, abs(np.diff(np.arctan2(z, across))))
         changes = np.maximum(changes, turn / largest)
     return changes
@@ -208,10 +212,10 @@ def places(scenario: Scenario, *, lowest: bool = False) -> FloatArray:
 
     These are the poses and rows of the flight, see `_rows`, the middles of coarse steps, the
     closest point to each radar, the point nearest to its limits, both sides of each crossing of a
-    limit, the peaks of P_D, and a place just before each waypoint at which the course jumps. Where
-    the lowest P_D matters, its troughs and the farthest points are among them, and those deepest
-    beyond a limit. Steps are halved until `MAX_POSES` coordinates are added. With more, some steps
-    may still be coarse.
+    limit, the peaks and troughs of P_D, also of each radar alone, the peaks of the spread of an
+    RCS, and a place just before each waypoint at which the course jumps. Where the lowest P_D
+    matters, the farthest points are among them, and those deepest beyond a limit. Steps are halved
+    until `MAX_POSES` coordinates are added. With more, some steps may still be coarse.
     """
     nominal, shortest = _nominal(scenario), scenario.geometry.shortest
     place = _rows(scenario, lowest=lowest)
@@ -221,9 +225,10 @@ def places(scenario: Scenario, *, lowest: bool = False) -> FloatArray:
         if not coarse.any():
             break
         place = np.sort(np.append(place, _middles(place)[coarse]))
-    for turning in (_nearness, _margins, _probit):
-        for sign in (1.0, -1.0) if lowest else (1.0,):
-            place = np.union1d(place, _maxima(nominal, place, turning, sign))
+    both = [_probits, _nearness, _margins] if lowest else [_probits]
+    for sign, functions in ((1.0, [_nearness, _margins, _probits, _spreads]), (-1.0, both)):
+        for function in functions:
+            place = np.union1d(place, _maxima(nominal, place, function, sign))
     place = np.union1d(place, _crossings(nominal, place))
     before = np.intersect1d(scenario.geometry.turns, place) - UNIT
     return np.union1d(place, before[before > place[0]])
@@ -242,7 +247,7 @@ def _rows(scenario: Scenario, *, lowest: bool) -> FloatArray:
     place = whole.geometry.coordinate
     if len(place) == len(geometry.axis):
         return np.sort(place)
-    changes, values = coarseness(whole), [_nearness(whole), _margins(whole), _probit(whole)]
+    changes, values = coarseness(whole), [_nearness(whole), _margins(whole), _probits(whole)]
     if whole.cov_aircraft.ndim == 3:
         changes = np.maximum(changes, _scattering(whole.cov_aircraft))
         values.append(np.diagonal(whole.cov_aircraft, axis1=1, axis2=2))
@@ -285,10 +290,29 @@ def _margins(poses: Scenario) -> FloatArray:
     return join(margins) if margins else np.empty((len(poses.aircraft), 0))
 
 
-def _probit(poses: Scenario) -> FloatArray:
-    """Return the probit of P_D (n, 1): between two poses where P_D is 1 there may be a gap."""
-    z, _, _ = poses.model.linearize_probit(poses.aircraft, poses.radar)
-    return np.clip(np.nan_to_num(z, nan=-UNSEEN), UNSEEN, -UNSEEN)[:, np.newaxis]
+def _probits(poses: Scenario) -> FloatArray:
+    """Return the probit of P_D (n, 1 + m): of all radars, and of each without its limits.
+
+    Between two poses where P_D is 1 there may be a gap. A radar that fills the gap of another one
+    may do so at the nominal states alone.
+    """
+    each = zip(poses.model.models, poses.radar_states, strict=True)
+    snr = [(model, model.unchecked_snr(poses.aircraft, state)) for model, state in each]
+    z = np.stack([model.detector.linearize_probit(s, model.p_fa)[0] for model, s in snr])
+    z = np.clip(np.nan_to_num(z, nan=-UNSEEN), UNSEEN, -UNSEEN)
+    visible = poses.model.visible(poses.aircraft, poses.radar).T
+    return np.vstack([fuse_probits(np.where(visible, z, UNSEEN)), z]).T
+
+
+def _spreads(poses: Scenario) -> FloatArray:
+    """Return the spread (n, j) [dB] of each RCS that has one by aspect."""
+    each = zip(poses.model.models, poses.radar_states, strict=True)
+    spreads = [
+        spread.cross_section(body_vector(poses.aircraft, state))
+        for model, state in each
+        if (spread := getattr(model.rcs, "spread", None)) is not None
+    ]
+    return join(spreads) if spreads else np.empty((len(poses.aircraft), 0))
 
 
 def _maxima(
@@ -303,8 +327,9 @@ def _maxima(
     values = sign * value(along(scenario, place))
     before, after = np.vstack([values[:1], values[:-1]]), np.vstack([values[1:], values[-1:]])
     # along a circle about a radar all distances are equal but for rounding
-    flat = values - np.minimum(before, after) <= ROUNDING * abs(values).max(axis=0)
-    top, number = np.nonzero((values >= before) & (values >= after) & ~flat)
+    slack = ROUNDING * abs(values).max(axis=0, initial=0.0)
+    flat = values - np.minimum(before, after) <= slack
+    top, number = np.nonzero((values >= before - slack) & (values >= after - slack) & ~flat)
     low, high = place[np.maximum(top - 1, 0)], place[np.minimum(top + 1, len(place) - 1)]
 
     def each(x: FloatArray) -> FloatArray:

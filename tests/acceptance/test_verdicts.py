@@ -296,13 +296,15 @@ def test_an_orbit_is_tested_between_its_azimuths(sweep, azimuth_from):
     own, added = (
         refinement.refined(s, by_form(s), by_form, 0.001, Requirement(0.0)) for s in (few, dense)
     )
-    assert added.added == 0
+    assert added.added <= 1  # the peak
     assert np.all(own.scenario.axis.values[own.rows] == few.axis.values)
     np.testing.assert_array_equal(own.scenario.aircraft[own.rows], few.aircraft)
     order = slice(None, None, 1 if step > 0 else -1)
     for name in ("p_d", "upper"):
         linear = np.interp(
-            dense.axis.values, own.scenario.axis.values[order], getattr(own.band, name)[order]
+            added.scenario.axis.values,
+            own.scenario.axis.values[order],
+            getattr(own.band, name)[order],
         )
         assert np.abs(linear - getattr(added.band, name)).max() < 0.001
 
