@@ -30,7 +30,7 @@ from radar_sense.errors import (
     did_you_mean,
     shorten_list,
 )
-from radar_sense.limits import FORMATS, STYLES, Limit, check_number, plain_number
+from radar_sense.limits import FORMATS, STYLES, Limit, check_flag, check_number, plain_number
 from radar_sense.scenario import Scenario, check_scenario, for_radar
 from radar_sense.states import FloatArray
 
@@ -99,9 +99,10 @@ class Option:
             return check_number(self.name, value, self.limit)
         if self.choices:
             check_choice(self.name, value, self.choices)
-        kind, allowed = (bool, "True or False") if self.flag else (str, "text")
-        if not isinstance(value, kind):
-            raise InputError(f"{self.name} must be {allowed}, got {describe(value)}")
+        if self.flag:
+            check_flag(self.name, value)
+        elif not isinstance(value, str):
+            raise InputError(f"{self.name} must be text, got {describe(value)}")
         return value
 
 
@@ -223,7 +224,9 @@ class Result:
         for name in formats:
             check_choice("format", name, allowed)
         check_choice("style", style, STYLES)
-        contents = dict([files.table(self.table)] if self.table else [])
+        contents: dict[str, bytes] = {}
+        if self.table:
+            ending, contents[ending] = files.table(self.table)
         error = None
         try:
             contents |= self.figures([name for name in formats if name in FORMATS], style)

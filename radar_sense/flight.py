@@ -51,7 +51,7 @@ class Geometry(ReadOnly):
     axis: Axis
     aircraft: FloatArray = field(repr=False)
     covariance: FloatArray = field(repr=False, default_factory=lambda: CERTAIN)
-    #: Step of the coordinate that is not halved further.
+    #: Step of the coordinate that is not halved further: the aircraft flies some centimetres in it.
     shortest: ClassVar[float] = 0.0
 
     @property

@@ -68,8 +68,8 @@ class Limit:
         )
         conditions = [f"{words} {end:g}" for words, end in ends if end is not None]
         kind = "a whole number" if self.whole else "a number"
-        words = " ".join([kind, " and ".join(conditions)]).strip()
-        return f"{words}, or .inf" if self.infinite else words
+        finite = " ".join([kind, " and ".join(conditions)]).strip()
+        return f"{finite}, or .inf" if self.infinite else finite
 
 
 @dataclass(frozen=True)

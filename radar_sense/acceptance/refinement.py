@@ -225,8 +225,9 @@ def places(scenario: Scenario, *, lowest: bool = False) -> FloatArray:
         if not coarse.any():
             break
         place = np.sort(np.append(place, _middles(place)[coarse]))
-    both = [_probits, _nearness, _margins] if lowest else [_probits]
-    for sign, functions in ((1.0, [_nearness, _margins, _probits, _spreads]), (-1.0, both)):
+    of_peaks = [_nearness, _margins, _probits, _spreads]
+    of_troughs = [_nearness, _margins, _probits] if lowest else [_probits]
+    for sign, functions in ((1.0, of_peaks), (-1.0, of_troughs)):
         for function in functions:
             place = np.union1d(place, _maxima(nominal, place, function, sign))
     place = np.union1d(place, _crossings(nominal, place))

@@ -241,9 +241,13 @@ def _unknown(cells: Grid, shown: Plane) -> int:
 
     The aspect has no gradient there.
     """
-    unknown = np.isnan(shown)
-    for north, east, *_ in cells.scenario.radar_states:
-        unknown[abs(cells.north - north).argmin(), abs(cells.east - east).argmin()] = False
+    unknown, axes = np.isnan(shown), (cells.north, cells.east)
+    for state in cells.scenario.radar_states:
+        rows, columns = (
+            abs(centres - place) <= 0.5 * (centres[1] - centres[0])
+            for centres, place in zip(axes, state[:DOWN], strict=True)
+        )
+        unknown[np.ix_(rows, columns)] = False
     return int(np.count_nonzero(unknown))
 
 

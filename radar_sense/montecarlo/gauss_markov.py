@@ -13,9 +13,9 @@ from radar_sense.states import FloatArray
 
 
 def correlate(normals: FloatArray, time: FloatArray, correlation_time: float) -> None:
-    """Turn independent unit normals (K, ...) in place into those of the process.
+    """Replace independent unit normals (K, ...) by unit normals of the process, in their place.
 
-    Its times (K,) ascend, and no two are equal.
+    The times (K,) of the process ascend, and no two are equal.
     """
     with np.errstate(divide="ignore", over="ignore"):
         x = np.diff(time) / correlation_time

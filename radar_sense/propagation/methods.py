@@ -142,7 +142,7 @@ def propagate(
         beta: β, above 0 and 10 at most; the bounds are at Φ(−β) and Φ(β).
 
     Raises:
-        InputError: If there is no such method, β is not positive or a shape does not fit.
+        InputError: If there is no such method, β is not allowed or a shape does not fit.
     """
     shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
     moments = _moments(states, method, beta)

@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 import radar_sense as rs
 from radar_sense import words
 from radar_sense.analyses import coverage_map
+from radar_sense.analyses.map import _unknown
 from radar_sense.coverage import grid as area
 from radar_sense.model import geodesy as wgs84
 from radar_sense.progress import listening
@@ -580,3 +581,13 @@ def test_many_long_names_are_numbers_on_the_map(letters, numbered):
     assert shown == (["1", "2", "3"] if numbered else names)
     printed = figure.axes[0].get_title().replace("\N{NO-BREAK SPACE}", " ")
     assert (f"2 {names[1]}" in " ".join(printed.split())) == numbered
+
+
+@pytest.mark.parametrize(("first", "unknown"), [(-1e3, 1), (5e3, 2)])
+def test_cells_without_a_value_count_but_for_that_above_a_radar(first, unknown):
+    """The radar is in the middle of nine cells, or beside them."""
+    s = rs.load_scenario()
+    centres = first + 1e3 * np.arange(3)
+    shown = np.zeros((3, 3))
+    shown[[0, 1], [0, 1]] = np.nan
+    assert _unknown(area.Grid(s, s.aircraft[0], centres, centres), shown) == unknown
