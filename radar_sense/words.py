@@ -111,8 +111,8 @@ def describe_poses(
     numbers = [(axis.number(a), axis.number(b)) for a, b in spans]
     if len(numbers) > 4:
         first, last = numbers[0][0], numbers[-1][1]
-        spanned = axis.in_words(f"{first} and {last}")
-        return f"at {count} of {mask.size} {axis.places} between {spanned}"
+        between = f"in {len(numbers)} parts between {axis.in_words(f'{first} and {last}')}"
+        return f"at {count} of {mask.size} {axis.places} {between}"
     words = (a if a == b else f"{a} to {b}" for a, b in numbers)
     return f"at {axis.in_words(', '.join(words))}"
 

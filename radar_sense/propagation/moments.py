@@ -40,7 +40,7 @@ class Distribution:
     def mean(self) -> FloatArray:
         """Mean of P_D (k,): P_D itself, without rounding, where nothing is uncertain."""
         mean, std = self.moments
-        return np.where(std == 0, self.p_d, mean)
+        return np.where((std == 0) & np.isfinite(self.p_d), self.p_d, mean)
 
     @property
     def std(self) -> FloatArray:

@@ -346,7 +346,7 @@ def test_validate_answers_where_a_method_may_be_trusted():
         ([1, 0, 1], "at 0, 20 deg"),
         ([0, 1, 1], "at 10 to 20 deg"),
         ([1, 0] * 4, "at 0, 20, 40, 60 deg"),
-        ([1, 0] * 5, "at 5 of 10 poses between 0 and 80 deg"),
+        ([1, 0] * 5, "at 5 of 10 poses in 5 parts between 0 and 80 deg"),
     ],
 )
 def test_poses_in_words(mask, says):

@@ -394,6 +394,14 @@ def test_a_pose_that_has_not_converged_does_not_change_its_neighbours():
         assert_same(found.at(i), by_form(pose))
 
 
+def test_aircraft_and_radar_at_one_place_are_detected():
+    # P_D has no value there, and is 1 beside it
+    covariances = COV_AIRCRAFT, COV_RADAR["medium"]
+    found = propagate(MODEL, np.zeros(6), [0.0, 0.0, 0.0, 167.0], *covariances, method="automatic")
+    assert np.isnan(found.p_d)
+    assert (found.mean, found.std, found.lower, found.upper) == (1, 0, 1, 1)
+
+
 @pytest.mark.parametrize("rcs", [MODEL.rcs, SpikeballRCS(4, 0.18, 0.1)])
 @pytest.mark.parametrize("method", METHODS)
 def test_straight_above_the_radar_nothing_is_known_but_by_draws(method, rcs):
