@@ -558,8 +558,7 @@ def few_judging_draws(patch, first=256, most=1024):
     for name in ("PRECISE", "MANY"):
         patch.setattr(f"radar_sense.acceptance.accuracy.{name}", most)
     patch.setattr("radar_sense.coverage.ranges.FIRST", first)
-    for name in ("PRECISE", "FURTHER"):
-        patch.setattr(f"radar_sense.coverage.ranges.{name}", most)
+    patch.setattr("radar_sense.coverage.ranges.PRECISE", most)
 
 
 def few_draws(patch, draws=128, replicates=2):

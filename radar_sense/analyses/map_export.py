@@ -48,6 +48,7 @@ def geojson(result: Result, cells: Grid, route: FloatArray) -> bytes:
 
 
 def _contours(result: Result, cells: Grid, origin: tuple[float, float, float]) -> Iterator[Feature]:
+    heading = " over all headings" if result.summary["worst_heading"] else ""
     for column in dict.fromkeys(["p_d", result.summary["shown"]]):
         for level in result.summary["contours"]:
             values = result.table[column]
@@ -58,7 +59,7 @@ def _contours(result: Result, cells: Grid, origin: tuple[float, float, float]) -
             if parts:
                 yield _feature(
                     "contour",
-                    f"{_name(result, column)} = {level:g}",
+                    f"{_name(result, column)}{heading} = {level:g}",
                     ("MultiLineString", parts),
                     plotting.hex_colour(level),
                     {"quantity": column, "value": level, "level": result.scenario.level},

@@ -142,7 +142,8 @@ def sweep(
         low, high = words.trough(p_d, axis), words.peak(p_d, axis)
         result.summary |= {"lowest_p_d": low, "highest_p_d": high}
         result.report.append(f"by {key} the largest {words.describe_span(p_d, axis)}")
-    if len(values) > 1 and np.array_equal(extremes[1:], extremes[:-1], equal_nan=True):
+    numbers = [one for name, one in result.table.items() if name != column]
+    if len(values) > 1 and all(np.array_equal(n[1:], n[:-1], equal_nan=True) for n in numbers):
         result.report.append(f"{key} changes none of these numbers at the level {scenario.level}")
     if len(values) <= SHOWN:
         result.report += words.rows(zip(map(axis.format, values), bands, strict=True))

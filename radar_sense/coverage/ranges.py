@@ -15,7 +15,7 @@ from radar_sense.coverage.reach import END, INSIDE, Reach, Survey, reach_of_quan
 from radar_sense.propagation import AUTOMATIC, STD_CHANGE
 from radar_sense.propagation.automatic import ERRORS, judged
 from radar_sense.propagation.draws import Estimate
-from radar_sense.propagation.staged import FIRST, FURTHER, PRECISE, StagedDraws
+from radar_sense.propagation.staged import FIRST, PRECISE, StagedDraws
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
 
@@ -96,7 +96,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
         (_, std), (_, error) = found.moments
         return np.asarray(error <= ERROR_OF_STD * std)
 
-    std = staged.until(precise, np.minimum(most, FURTHER)).moments[0][1]
+    std = staged.until(precise, most).moments[0][1]
     if method == "linear":
         first_order = np.where(reach.limited, np.nan, total)
         off |= abs(first_order - std) > (STD_CHANGE + ERRORS * ERROR_OF_STD) * std

@@ -72,6 +72,24 @@ def test_a_key_that_changes_nothing(key, acts):
     assert (f"{key} changes none of these numbers at the level medium" in report) != acts
 
 
+def test_a_key_that_changes_a_test_between_the_rows_alone(tmp_path):
+    """At both rows of the flight the aircraft is out of range."""
+    text = (CONFIGS / "path.yaml").read_text(encoding="utf-8")
+    (tmp_path / "path_route.csv").write_text(
+        "time_s,north_m,east_m,down_m\n0,-100000,10000,-3000\n1000,100000,10000,-3000\n"
+    )
+    errors = {"position_m": 10, "attitude_deg": 1}
+    geometry = {"type": "path", "file": "path_route.csv"}
+    changes = {"geometry": geometry, "uncertainty.aircraft": errors, "radar.max_range_km": 30}
+    s = rs.parse_scenario(text, str(tmp_path / "s.yaml"), changes)
+    result = analyses.sweep(
+        s, key="radar.max_range_km", start=8, stop=16, step=8, threshold=0.6, method="form"
+    )
+    assert result.table["highest_p_d"].tolist() == [0, 0]
+    assert list(result.report[1:3]) == ["holds at 8 km", "VIOLATED at 16 km"]
+    assert not any("none of these numbers" in line for line in result.report)
+
+
 def test_values_of_any_size_keep_their_digits():
     """Rounded to twelve places, 1.5e-14 would be 0."""
     for step in (1.5e-14, 0.1, 1.25e9):

@@ -100,6 +100,16 @@ def test_geojson_has_contours_radars_and_route(saved):
         assert value == max(result.draw.keywords["route"][i : i + 2])
 
 
+def test_contours_over_all_headings_say_so(tmp_path):
+    s = flight(tmp_path, PLACES, (47, 179.5, 400), radar__constant=0.02)
+    result = coverage_map(s, worst_heading=True, p_d=[0.2], **{**AREA, "step_km": 20})
+    (path,) = (p for p in result.save(tmp_path / "out", "geojson") if p.suffix == ".geojson")
+    features = json.loads(path.read_text(encoding="utf-8"))["features"]
+    names = [f["properties"]["name"] for f in features]
+    assert "P_D over all headings = 0.2" in names
+    assert sum("over all headings" in name for name in names) == 1  # the legs have their own
+
+
 def unit(position):
     """Unit vector to a position of GeoJSON."""
     longitude, latitude = np.deg2rad(position[:2])
