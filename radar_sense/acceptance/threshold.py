@@ -47,8 +47,9 @@ TO_HOLD = float(ndtri(1.0 - CHANCE / len(LADDER)))
 #: Probability at one pose that plain runs contradict draws that are right. More draws are then made
 #: at the pose.
 ALARM = 1e-4
-#: Decimals of margins that are alike: those that are shown.
-ALIKE = 6
+#: Margins are alike within this distance, and within this part of the least of them: draws tell
+#: bounds near 0 or 1 apart no better.
+ALIKE, ALIKE_PART = 1e-4, 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,8 +205,9 @@ class PathTest(ThresholdTest):
     @property
     def worst(self) -> int:
         """A pose without a bound, or with the least margin; of several the least of P_D itself."""
-        margin = np.nan_to_num(np.round(self.margin, ALIKE), nan=-np.inf)
-        return int(np.lexsort((self.requirement.margin(self.path.band.p_d), margin))[0])
+        margin = np.nan_to_num(self.margin, nan=-np.inf)
+        alike = margin <= margin.min() + min(ALIKE, ALIKE_PART * abs(margin.min()))
+        return int(np.lexsort((self.requirement.margin(self.path.band.p_d), ~alike))[0])
 
 
 def path_test(scenario: Scenario, method: str, requirement: Requirement, band: Band) -> PathTest:

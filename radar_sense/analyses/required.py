@@ -135,9 +135,8 @@ def in_words(accuracy: RequiredAccuracy, axis: Axis, method: str) -> str:
     if factor is None and accuracy.known:
         source = f", from {accuracy.residual_from}" if accuracy.residual_from else ""
         place = axis.format(accuracy.place)
-        left = f"{accuracy.residual:.4f}"
-        if method == AUTOMATIC:  # by few draws
-            left = f"about {accuracy.residual:.2g}"
+        about = "about " if method == AUTOMATIC else ""  # by few draws
+        left = f"{about}{accuracy.residual:.4f}"
         return f"impossible alone ({left} remains at {place}{source})"
     if not factor:
         return "less than a millionth" if accuracy.known else "not known"

@@ -586,6 +586,28 @@ def at_a_lobe(floor, yaw):
     )
 
 
+@pytest.mark.all_draws
+def test_the_worst_of_poses_that_draws_do_not_tell_apart_is_that_of_the_lowest_p_d():
+    """About the bottom of a gap, at 10 deg, the lower bound is nearly 0."""
+    s = scenario(
+        geometry__range_km=50,
+        geometry__azimuth_from="north",
+        geometry__azimuth_deg={"start": 8.5, "stop": 11, "step": 2.5},
+        radar__constant=0.03,
+        radar__p_fa=1e-6,
+        radar__detector="swerling1",
+        aircraft__rcs=spikes(8, 1.0, 0.001),
+        aircraft__attitude_deg=[0, 0, 10],
+        uncertainty={
+            "aircraft": {"position_m": 10, "attitude_deg": 2},
+            "radar": {"medium": {"position_m": 10, "constant": 0.001}},
+        },
+        analysis__method="automatic",
+    )
+    tested = analyses.variance(s, at_least=0.05).summary["threshold"]
+    assert tested["worst_margin"]["theta_r_deg"] == pytest.approx(10, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("floor", "yaw", "requirement"),
     [(0.02, 82.5, Requirement(0.53, 1.0)), (1.0, 90.0, Requirement(0.33, at_least=True))],

@@ -188,6 +188,15 @@ def test_required_accuracies_keep_correlations():
     assert 3 * linear.std(s.cov_aircraft, cov).max() == pytest.approx(0.15, rel=1e-6)
 
 
+@pytest.mark.all_draws
+def test_what_remains_is_said_in_digits_that_show_it_beyond_the_limit():
+    s = scenario(geometry__azimuth_deg={"start": 45, "stop": 60, "step": 15})
+    text = "\n".join(analyses.budget(s, threshold=0.9085, method="automatic").report)
+    remains = {*re.findall(r"about ([0-9.]+) remains at 60 deg, from radar_constant", text)}
+    assert remains
+    assert all(0.9085 < float(value) < 0.91 for value in remains)
+
+
 def test_the_report_of_a_budget_has_the_required_accuracies():
     result = analyses.budget(load_scenario(), target=0.05)
     text = "\n".join(result.report)
