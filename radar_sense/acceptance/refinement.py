@@ -86,36 +86,17 @@ class Refined:
         return len(self.scenario.aircraft) - len(self.rows)
 
 
-def resolve(
-    scenario: Scenario,
-    propagate: Callable[[Scenario], Band],
-    requirement: Requirement,
-    band: Band | None = None,
-) -> Refined:
-    """Return a scenario with poses added to compare P_D and its bound with what is required.
-
-    Without a flight it is returned unchanged.
-    """
-    band = band or propagate(scenario)
-    if not scenario.geometry.continuous:
-        return Refined(scenario, band, np.arange(len(band.p_d)), True, None)
-    tolerance = min(TOLERANCE, RELATIVE_TOLERANCE * requirement.room)
-    return refined(scenario, band, propagate, tolerance, requirement)
-
-
 def unresolved() -> str:
     """Return the message about poses that do not resolve P_D, with the remedy."""
     return f"P_D is not resolved by {MAX_POSES:,} poses between the rows: test a shorter part"
 
 
-def refined(
-    scenario: Scenario,
-    band: Band,
-    propagate: Callable[[Scenario], Band],
-    tolerance: float,
-    requirement: Requirement,
+def resolve(
+    scenario: Scenario, propagate: Callable[[Scenario], Band], requirement: Requirement, band: Band
 ) -> Refined:
     """Return a scenario with poses added until P_D and its bound are linear between poses.
+
+    Without a flight it is returned unchanged. The band is that of its poses.
 
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
     tolerance of straight lines, and a bound near the limit within less, see `CLOSEST`: it may be
@@ -124,6 +105,9 @@ def refined(
     `MAX_POSES` poses. If the places alone are more, only the place with the least margin of P_D is
     added.
     """
+    if not scenario.geometry.continuous:
+        return Refined(scenario, band, np.arange(len(band.p_d)), True, None)
+    tolerance = min(TOLERANCE, RELATIVE_TOLERANCE * requirement.room)
     given, shortest = scenario.geometry.coordinate, scenario.geometry.shortest
     order, most = -1 if given[0] > given[-1] else 1, len(given) + MAX_POSES
 

@@ -70,7 +70,7 @@ def required_accuracy(
     goal = asked or Requirement(limit, width=True)
     chosen = scenario if at is None else scenario.at_poses(np.array([scenario.axis.pose_at(at)]))
     propagate = partial(band_of_scenario, method=method, beta=goal.k)
-    poses = refinement.resolve(chosen, propagate, goal)
+    poses = refinement.resolve(chosen, propagate, goal, propagate(chosen))
     if not poses.resolved:
         raise InputError(f"{refinement.unresolved()}, or one pose with 'at'")
     axis = poses.scenario.axis

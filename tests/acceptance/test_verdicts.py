@@ -294,7 +294,7 @@ def test_an_orbit_is_tested_between_its_azimuths(sweep, azimuth_from):
     assert not tested.table["violated"].any()  # the violation is between the azimuths
     assert any("between the azimuths given" in line for line in tested.report)
     own, added = (
-        refinement.refined(s, by_form(s), by_form, 0.001, Requirement(0.0)) for s in (few, dense)
+        refinement.resolve(s, by_form, Requirement(0.1), by_form(s)) for s in (few, dense)
     )
     assert added.added <= 1  # the peak
     assert np.all(own.scenario.axis.values[own.rows] == few.axis.values)
@@ -320,7 +320,7 @@ def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
         p_d = rng.random(len(s.axis))
         return Band(p_d=p_d, lower=p_d, upper=p_d, error=np.zeros(len(p_d)))
 
-    found = refinement.refined(s, noise(s), noise, 0.001, Requirement(0.0))
+    found = refinement.resolve(s, noise, Requirement(0.1), noise(s))
     assert not found.resolved
     assert found.added < 40
 
