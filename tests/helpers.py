@@ -166,7 +166,9 @@ def required(s, goal, *names, k=None, method="automatic"):
 
     The goal is what is required of P_D, or a limit of 3σ, or with k of the upper bound.
     """
-    search = accuracy._Search(s, goal if k is None else Requirement(goal, k), method)
+    if not isinstance(goal, Requirement):
+        goal = Requirement(goal, k or 3.0, width=k is None)
+    search = accuracy._Search(s, goal, method)
     every = tuple(error_budget(s).sources)
     return {name: search.required(every if name == "all" else (name,)) for name in names}
 

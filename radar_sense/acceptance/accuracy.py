@@ -81,11 +81,9 @@ class RequiredAccuracy:
 
 
 def required_accuracies(
-    scenario: Scenario, goal: Requirement | float, *, method: str = "linear"
+    scenario: Scenario, goal: Requirement, *, method: str = "linear"
 ) -> dict[str, RequiredAccuracy]:
     """Return the accuracy of each source at which a goal is met at all poses.
-
-    The goal is what is required of P_D, or a number that 3σ of P_D may be at most.
 
     The search by the method assumes that the value grows with the source. Correlations and limits
     of a radar can violate this. Draws therefore judge every factor at the deviations that it leads
@@ -98,7 +96,7 @@ def required_accuracies(
     and in a network of position, constant and further parameters of each radar that is enough
     alone. The other sources are unchanged. "all" scales all sources together.
     """
-    if isinstance(goal, Requirement) and (goal.probability is None or scenario.states().certain):
+    if not goal.width and (goal.probability is None or scenario.states().certain):
         p_d = scenario.p_d()
         if np.any(goal.margin(p_d) < 0):
             pose = int(np.argmax(reached(-p_d if goal.at_least else p_d)))
@@ -120,21 +118,19 @@ def required_accuracies(
 class _Search:
     """The search for the factors at which 3σ of P_D, or its upper bound, is within a limit.
 
-    That P_D is at least a limit is a limit of a miss, 1 − P_D, and all values are then of a miss.
+    A limit of 3σ has no k. That P_D is at least a limit is a limit of a miss, 1 − P_D, and all
+    values are then of a miss.
 
     `names` are names of `sources_of`. A factor is one on their standard deviations. P_D itself may
     be `beyond` the limit.
     """
 
-    def __init__(self, scenario: Scenario, goal: Requirement | float, method: str) -> None:
-        if isinstance(goal, Requirement):
-            k, of_miss = goal.k, goal.at_least
-            limit = 1.0 - goal.limit if of_miss else goal.limit
-            beyond = bool(np.any(goal.margin(scenario.p_d()) < 0))
-        else:
-            k, of_miss, limit, beyond = None, False, goal, False
+    def __init__(self, scenario: Scenario, goal: Requirement, method: str) -> None:
+        k, of_miss = None if goal.width else goal.k, goal.at_least
+        limit = 1.0 - goal.limit if of_miss else goal.limit
         self.scenario, self.limit, self.k, self.method = scenario, limit, k, method
-        self.of_miss, self.beyond = of_miss, beyond
+        self.of_miss = of_miss
+        self.beyond = not goal.width and bool(np.any(goal.margin(scenario.p_d()) < 0))
         self.budget_at = cache(
             lambda pose: error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
         )

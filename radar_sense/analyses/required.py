@@ -74,7 +74,7 @@ def required_accuracy(
     if not poses.resolved:
         raise InputError(f"{refinement.unresolved()}, or one pose with 'at'")
     axis = poses.scenario.axis
-    required = required_accuracies(poses.scenario, asked or limit, method=method)
+    required = required_accuracies(poses.scenario, goal, method=method)
 
     wanted = f"3 sigma <= {limit:g}" if asked is None else condition(asked)
     place = "at all poses" if at is None else f"at {axis.format(at)}"

@@ -14,6 +14,7 @@ import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.acceptance import accuracy as module
 from radar_sense.acceptance.accuracy import required_accuracies
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.propagation.staged import MANY
@@ -105,7 +106,9 @@ def test_sobol_indices_are_refused_under_correlation():
 @pytest.mark.parametrize(("method", "target"), [*((m, 0.03) for m in METHODS), ("form", 0.085)])
 def test_required_accuracies_reach_the_target(method, target):
     s = scenario(geometry__azimuth_deg=FEW)
-    for source, found in required_accuracies(s, target, method=method).items():
+    for source, found in required_accuracies(
+        s, Requirement(target, width=True), method=method
+    ).items():
         if found.factor is None:
             assert found.residual > target
             assert found.residual_from in SOURCES
@@ -121,7 +124,7 @@ def test_required_accuracies_are_those_of_the_closed_form():
     s, target = load_scenario().at_poses(slice(None, None, 3)), 0.08
     alone = {source: 9 * std**2 for source, std in stds_of(error_budget(s).sources).items()}
     total = sum(alone.values())
-    found = required_accuracies(s, target)
+    found = required_accuracies(s, Requirement(target, width=True))
     for source, own in alone.items():
         depends = own > 0
         squared = np.min((target**2 - (total - own))[depends] / own[depends])
@@ -152,7 +155,7 @@ def test_required_accuracies_where_a_limit_is_a_value(limit, rounding, monkeypat
         return lambda names, factor: factor * values
 
     monkeypatch.setattr(module, "value_function", value_function)
-    for found in required_accuracies(s, limit).values():
+    for found in required_accuracies(s, Requirement(limit, width=True)).values():
         assert found.factor == pytest.approx(limit, rel=1e-8)
 
 
@@ -182,7 +185,9 @@ def test_required_accuracies_between_the_azimuths_of_a_table():
 def test_required_accuracies_keep_correlations():
     """A factor on a source also scales its covariances with other sources."""
     s = load_scenario("configs/covariance.yaml").at_poses(slice(None, None, 6))
-    scale = np.diag([1, 1, 1, required_accuracies(s, 0.15)["radar_constant"].factor])
+    scale = np.diag(
+        [1, 1, 1, required_accuracies(s, Requirement(0.15, width=True))["radar_constant"].factor]
+    )
     cov = scale @ s.cov_radar @ scale
     linear = s.model.linearize(s.aircraft, s.radar)
     assert 3 * linear.std(s.cov_aircraft, cov).max() == pytest.approx(0.15, rel=1e-6)
@@ -226,10 +231,10 @@ def test_methods_other_than_linear_add_columns():
 @pytest.mark.parametrize("method", ["linear", "automatic"])
 def test_tiny_targets_are_reached(method):
     s = scenario(geometry__azimuth_deg=FEW)
-    factor = required_accuracies(s, 1e-6, method=method)["all"].factor
+    factor = required_accuracies(s, Requirement(1e-6, width=True), method=method)["all"].factor
     # 3σ is proportional to the deviations where they are so small
     assert factor == pytest.approx(1e-6 / (3 * error_budget(s, "linear").total.std.max()), rel=1e-3)
-    assert required_accuracies(s, 1e-9, method=method)["all"].factor == 0
+    assert required_accuracies(s, Requirement(1e-9, width=True), method=method)["all"].factor == 0
     assert any("less than a millionth" in line for line in analyses.budget(s, target=1e-9).report)
 
 

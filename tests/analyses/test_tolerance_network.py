@@ -27,6 +27,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses
 from radar_sense.acceptance.accuracy import required_accuracies
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.source_names import name_problem
@@ -103,7 +104,7 @@ def test_how_much_a_part_of_one_radar_must_be_reduced(method):
     target = 3 * propagate_scenario(half, method=method).std.max()
     three_sigma = value_function(s, method)
     assert three_sigma(["b_constant_gain_dbi"], 0.5) == pytest.approx(target, rel=1e-12)
-    allowed = required_accuracies(s, target, method=method)
+    allowed = required_accuracies(s, Requirement(target, width=True), method=method)
     assert list(allowed) == [*error_budget(s).sources, "b_position", "b_constant", *ROWS, "all"]
     assert allowed["b_constant_gain_dbi"].factor == pytest.approx(0.5, rel=1e-6)
     report = analyses.budget(s, method=method, target=target).report

@@ -20,6 +20,7 @@ from scenario_file.refused import refused
 import radar_sense as rs
 from radar_sense import analyses, axis
 from radar_sense.acceptance.accuracy import required_accuracies
+from radar_sense.acceptance.requirement import Requirement
 from radar_sense.analyses.rcs import rcs
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
@@ -145,7 +146,7 @@ def test_sobol_indices_take_the_covariance_of_each_pose(tmp_path):
 def test_allowances_scale_every_covariance(tmp_path):
     s = load(tmp_path, UNCERTAIN)
     top = float(np.max(3 * propagate_scenario(s, method="linear").std))
-    found = required_accuracies(s, top / 2, method="linear")
+    found = required_accuracies(s, Requirement(top / 2, width=True), method="linear")
     assert found["all"].factor == pytest.approx(0.5, rel=1e-6)
 
 
