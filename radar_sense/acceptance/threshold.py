@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,69 +51,6 @@ ALARM = 1e-4
 #: Margins are alike within this distance, and within this part of the least of them: draws tell
 #: bounds near 0 or 1 apart no better.
 ALIKE, ALIKE_PART = 1e-4, 0.002
-
-
-@dataclass(frozen=True, eq=False)
-class ThresholdTest:
-    """The threshold test of a bound of P_D, pose by pose.
-
-    Attributes:
-        requirement: What is required of P_D.
-        bound: The bound on the side of the limit (n,), NaN without a bound.
-        violated: Where the bound is beyond the limit (n,).
-        unknown: Where the test has no answer (n,).
-        coordinate: Time [s] of each pose (n,), azimuth [deg] on an orbit or range [km], in order;
-            None without a flight from pose to pose.
-    """
-
-    requirement: Requirement
-    bound: FloatArray
-    violated: NDArray[np.bool_]
-    unknown: NDArray[np.bool_]
-    coordinate: FloatArray | None
-
-    @property
-    def beyond(self) -> float:
-        """Length of the path with the bound beyond the limit, in the unit of the coordinate.
-
-        The bound is taken to be linear between poses. Steps to and from a pose without a bound are
-        counted. Without a flight it is the number of poses beyond the limit, or without a bound.
-        """
-        if self.coordinate is None:
-            return float(np.count_nonzero(~(self.margin >= 0)))
-        return math.fsum(abs(np.diff(self.coordinate)) * share_beyond(self.margin))
-
-    @property
-    def total(self) -> float:
-        """Length of the path, in the unit of the coordinate; or the number of poses."""
-        if self.coordinate is None:
-            return float(len(self.bound))
-        return abs(float(self.coordinate[-1] - self.coordinate[0]))
-
-    @property
-    def margin(self) -> FloatArray:
-        """How far the bound is within the limit (n,), negative beyond it, NaN without a bound."""
-        return self.requirement.margin(self.bound)
-
-    @property
-    def verdict(self) -> str:
-        """Verdict on all poses: "violated" or "not known" at a pose, or "holds"."""
-        if self.violated.any():
-            return "violated"
-        return "not known" if self.unknown.any() else "holds"
-
-    @property
-    def passed(self) -> bool:
-        """Whether the test holds at every pose."""
-        return self.verdict == "holds"
-
-    @property
-    def first(self) -> int | None:
-        """First violated pose, or else the first pose that is not known; None if the test holds."""
-        for mask in (self.violated, self.unknown):
-            if mask.any():
-                return int(np.argmax(mask))
-        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,20 +118,80 @@ def decide(scenario: Scenario, requirement: Requirement, first: Estimate | None 
 
 
 @dataclass(frozen=True, eq=False)
-class PathTest(ThresholdTest):
-    """A threshold test of a scenario, at the poses of its refined path.
+class PathTest:
+    """The threshold test of a bound of P_D, pose by pose, at the n poses of a refined path.
 
     Attributes:
-        path: The scenario of the poses tested (n,), and which poses are rows of the path.
+        requirement: What is required of P_D.
+        path: The scenario of the poses tested, and which poses are rows of the path.
         decision: What draws say.
+        bound: The bound on the side of the limit (n,), NaN without a bound.
+        violated: Where the bound is beyond the limit (n,).
+        unknown: Where the test has no answer (n,).
         by_draws: Where the bound is by draws (n,).
         far: Where the origin is too far for errors of the attitude (n,): there is no answer.
     """
 
+    requirement: Requirement
     path: refinement.Refined
     decision: Decision
+    bound: FloatArray
+    violated: NDArray[np.bool_]
+    unknown: NDArray[np.bool_]
     by_draws: NDArray[np.bool_]
     far: NDArray[np.bool_]
+
+    @property
+    def coordinate(self) -> FloatArray | None:
+        """Time [s] of each pose (n,), azimuth [deg] on an orbit or range [km], in order.
+
+        It is None without a flight from pose to pose.
+        """
+        geometry = self.path.scenario.geometry
+        return geometry.coordinate if geometry.continuous else None
+
+    @property
+    def beyond(self) -> float:
+        """Length of the path with the bound beyond the limit, in the unit of the coordinate.
+
+        The bound is taken to be linear between poses. Steps to and from a pose without a bound are
+        counted. Without a flight it is the number of poses beyond the limit, or without a bound.
+        """
+        if self.coordinate is None:
+            return float(np.count_nonzero(~(self.margin >= 0)))
+        return math.fsum(abs(np.diff(self.coordinate)) * share_beyond(self.margin))
+
+    @property
+    def total(self) -> float:
+        """Length of the path, in the unit of the coordinate; or the number of poses."""
+        if self.coordinate is None:
+            return float(len(self.bound))
+        return abs(float(self.coordinate[-1] - self.coordinate[0]))
+
+    @property
+    def margin(self) -> FloatArray:
+        """How far the bound is within the limit (n,), negative beyond it, NaN without a bound."""
+        return self.requirement.margin(self.bound)
+
+    @property
+    def verdict(self) -> str:
+        """Verdict on all poses: "violated" or "not known" at a pose, or "holds"."""
+        if self.violated.any():
+            return "violated"
+        return "not known" if self.unknown.any() else "holds"
+
+    @property
+    def passed(self) -> bool:
+        """Whether the test holds at every pose."""
+        return self.verdict == "holds"
+
+    @property
+    def first(self) -> int | None:
+        """First violated pose, or else the first pose that is not known; None if the test holds."""
+        for mask in (self.violated, self.unknown):
+            if mask.any():
+                return int(np.argmax(mask))
+        return None
 
     @property
     def band(self) -> Band:
@@ -210,18 +208,15 @@ class PathTest(ThresholdTest):
         return int(np.lexsort((self.requirement.margin(self.path.band.p_d), ~alike))[0])
 
 
-def path_test(scenario: Scenario, method: str, requirement: Requirement, band: Band) -> PathTest:
+def path_test(scenario: Scenario, requirement: Requirement, band: Band) -> PathTest:
     """Test a requirement at every pose of a scenario, and on a path also between the poses.
 
-    The band is by the method, with bounds at Φ(±k), and with the limit so that no draws are made
-    twice. P_D of the nominal states must be within the limit too if it is part of the test, as it
-    is of P_D + kσ. It is no part of a test of a probability.
+    The band is by the scenario's method, with bounds at Φ(±k), and with the limit so that no draws
+    are made twice. P_D of the nominal states must be within the limit too if it is part of the
+    test, as it is of P_D + kσ. It is no part of a test of a probability.
     """
-
-    def propagate(path_scenario: Scenario) -> Band:
-        k, limit = requirement.k, requirement.limit
-        return band_of_scenario(path_scenario, method=method, beta=k, p_max=limit)
-
+    method, k, limit = scenario.method, requirement.k, requirement.limit
+    propagate = partial(band_of_scenario, method=method, beta=k, p_max=limit)
     path = refinement.resolve(scenario, propagate, requirement, band)
     certain = (requirement.margin(path.band.p_d) < 0) & (requirement.probability is None)
     decision = decide(path.scenario, requirement, path.band.drawn)
@@ -237,7 +232,5 @@ def path_test(scenario: Scenario, method: str, requirement: Requirement, band: B
         unknown |= (beyond & ~decision.violated) | np.isnan(bound)
     far = attitude_off(path.scenario) > BOUND_CHANGE
     violated, unknown = (violated & ~far) | certain, unknown | far | (not path.resolved)
-    geometry = path.scenario.geometry
-    coordinate = geometry.coordinate if geometry.continuous else None
-    tested = requirement, bound, violated, unknown & ~violated, coordinate
-    return PathTest(*tested, path, decision, by_draws, far)
+    masks = violated, unknown & ~violated, by_draws, far
+    return PathTest(requirement, path, decision, bound, *masks)

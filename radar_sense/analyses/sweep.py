@@ -109,7 +109,7 @@ def sweep(
         bound = sign * words.peak(sign * getattr(moments, end), one.axis)["value"]
         extremes.append((*ends, bound, 3.0 * words.peak(moments.std, one.axis)["value"]))
         if required is not None:
-            tests.append(path_test(one, one.method, required, moments))
+            tests.append(path_test(one, required, moments))
         for text in (
             *plausibility_warnings(one),
             *words.validity_warnings(one, moments, k),

@@ -88,7 +88,7 @@ def require(result: Result, required: Requirement, band: Band) -> PathTest:
     The band has bounds at Φ(±k). The result passes if the test holds at every pose, and on a path
     also between the poses. The test at all of these is returned.
     """
-    tested = path_test(result.scenario, result.scenario.method, required, band)
+    tested = path_test(result.scenario, required, band)
     rows, where = tested.path.rows, side(required)
     end, limit = ("lower", "P_MIN") if required.at_least else ("upper", "P_MAX")
     column, add = f"{end}_{required.k:.12g}sigma", result.table.add

@@ -228,7 +228,7 @@ def test_the_accuracy_that_a_ring_beside_the_route_needs(tmp_path, monkeypatch):
     errors = {"position_m": 10, "attitude_deg": 1}
     s = flight(tmp_path, rows, [radar(2000, max_range_km=100)], sphere, errors)
     band = band_of_scenario(s, method="automatic")
-    path = path_test(s, "automatic", Requirement(LIMIT), band).path
+    path = path_test(s.with_analysis(method="automatic"), Requirement(LIMIT), band).path
     (found,) = required(path.scenario, LIMIT, "aircraft_position", k=3.0).values()
     assert found.factor == pytest.approx(math.sqrt((20 / 3) ** 2 - 1) / 10, rel=0.02)
 

@@ -76,7 +76,7 @@ def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(
     p_d = s.p_d()
     for p_max in (0.5 * p_d.max(), np.median(p_d), 0.5 * (1 + p_d.max())):
         band = band_of_scenario(s, method="form", beta=2.0)
-        found = path_test(s, "form", Requirement(float(p_max), 2.0), band)
+        found = path_test(s.with_analysis(method="form"), Requirement(float(p_max), 2.0), band)
         runs, each, rounding = found.decision.runs, found.decision.runs.probability, 1e-12
         anywhere = runs.anywhere / runs.runs
         assert each.max() <= anywhere + rounding

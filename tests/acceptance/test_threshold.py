@@ -1,12 +1,14 @@
 """The threshold test: margins, times above, and poses without an answer."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers import scenario
 
 from radar_sense import analyses
 from radar_sense.acceptance.requirement import Requirement
-from radar_sense.acceptance.threshold import ThresholdTest
+from radar_sense.acceptance.threshold import PathTest
 
 
 def threshold_test(upper, p_max, coordinate, violated=None, unknown=False):
@@ -15,7 +17,9 @@ def threshold_test(upper, p_max, coordinate, violated=None, unknown=False):
     if violated is None:
         violated, unknown = upper > p_max, np.isnan(upper)
     unknown = np.logical_and(unknown, np.logical_not(violated))
-    return ThresholdTest(Requirement(p_max), upper, np.array(violated), unknown, coordinate)
+    scenario = SimpleNamespace(geometry=SimpleNamespace(continuous=True, coordinate=coordinate))
+    path, masks = SimpleNamespace(scenario=scenario), (np.array(violated), unknown, None, None)
+    return PathTest(Requirement(p_max), path, None, upper, *masks)
 
 
 def test_margin_and_poses():

@@ -171,7 +171,7 @@ def test_no_verdict_is_wrong_just_beside_the_limit(k):
 def test_poses_between_rows_have_the_draws_of_the_poses_alone(tmp_path):
     s = past(tmp_path)
     band_of = partial(band_of_scenario, method="automatic", p_max=0.1)
-    path = path_test(s, "automatic", Requirement(0.1), band_of(s)).path
+    path = path_test(s.with_analysis(method="automatic"), Requirement(0.1), band_of(s)).path
     assert path.added > 0
     whole = band_of(path.scenario)
     for name, values in vars(whole.drawn).items():
@@ -450,7 +450,9 @@ def test_p_d_above_the_threshold_is_violated_though_draws_are_below():
     aircraft = np.array([[*s.aircraft[0, :5], top]])
     s = with_arrays(s, aircraft=aircraft, cov_aircraft=only_yaw, cov_radar=certain)
     p_max = p_d(top) * (1 - 1e-10)
-    found = path_test(s, "automatic", Requirement(p_max), propagate_scenario(s, p_max=p_max))
+    found = path_test(
+        s.with_analysis(method="automatic"), Requirement(p_max), propagate_scenario(s, p_max=p_max)
+    )
     assert found.decision.holds.all()
     assert found.verdict == "violated"
 
@@ -652,7 +654,7 @@ def test_a_bound_is_on_the_side_of_its_verdict(pose, p_max, verdict):
     s = rs.load_scenario(CONFIGS / "table.yaml", changes={"analysis.method": "automatic"})
     one = s.at_poses(np.array([pose]))
     band = propagate_scenario(one, p_max=p_max)
-    found = path_test(one, "automatic", Requirement(p_max), band)
+    found = path_test(one, Requirement(p_max), band)
     assert band.error == 0
     assert (band.upper > p_max) == (verdict == "holds")
     assert found.verdict == verdict

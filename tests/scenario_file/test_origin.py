@@ -199,7 +199,9 @@ def test_an_origin_too_far_for_the_attitude_errors_is_warned_of(yaw, is_far, tmp
         assert verdict == ("not known" if told else "holds")
         limit = 0.999 * np.max(s.along(s.geometry.at(np.linspace(0.0, 1.0, 101))).p_d()) + 0.001
         path = path_test(
-            s, "automatic", Requirement(limit, probability=0.001), propagate_scenario(s)
+            s.with_analysis(method="automatic"),
+            Requirement(limit, probability=0.001),
+            propagate_scenario(s),
         )
         assert not np.any(path.violated & path.far)
         assert np.any(path.decision.violated & path.far) == bool(told)
