@@ -32,7 +32,7 @@ from radar_sense.limits import (
     declared,
     plain_number,
 )
-from radar_sense.model.geodesy import is_place
+from radar_sense.model.geodesy import check_origin
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.radar_constant import Tolerance
@@ -169,10 +169,7 @@ class Scenario:
                 raise InputError(f"{name} must be finite, got {values[~np.isfinite(values)][0]}")
         if self.time_s is not None and not (np.diff(self.time_s) > 0).all():
             raise InputError("time_s must increase from pose to pose")
-        if self.origin is not None and not is_place(self.origin):
-            raise InputError(
-                f"origin must be latitude and longitude [rad] and height [m], got {self.origin!r}"
-            )
+        check_origin(self.origin)
         size = (len(AIRCRAFT),) * 2
         if geometry.covariance.shape not in (size, (count, *size)):
             raise InputError(

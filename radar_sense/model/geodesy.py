@@ -23,10 +23,12 @@ from −π to π, and pitch from −π/2 to π/2.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from radar_sense.errors import InputError
 from radar_sense.model.geometry import join
 from radar_sense.states import FloatArray
 
@@ -45,15 +47,17 @@ SECOND_ECCENTRICITY_2 = ECCENTRICITY_2 / (1.0 - ECCENTRICITY_2)
 _ROUNDS, _ROUNDS_OF_HEIGHT = 2, 1
 
 
-def is_place(geodetic: object) -> bool:
-    """Return whether an object is latitude, longitude [rad] and height [m] of a place (3,)."""
+def check_origin(origin: Any) -> None:
+    """Raise InputError unless an origin is None, or a geodetic position (3,)."""
     try:
-        place = np.asarray(geodetic, dtype=float)
+        place = np.zeros(3) if origin is None else np.asarray(origin, dtype=float)
     except (TypeError, ValueError):
-        return False
-    if place.shape != (3,) or not np.all(np.isfinite(place)):
-        return False
-    return bool(abs(place[0]) <= np.pi / 2 and abs(place[1]) <= 2 * np.pi)
+        place = np.empty(0)
+    finite = place.shape == (3,) and np.isfinite(place).all()
+    if not finite or abs(place[0]) > np.pi / 2 or abs(place[1]) > 2 * np.pi:
+        raise InputError(
+            f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
+        )
 
 
 def ecef_from_geodetic(geodetic: ArrayLike) -> FloatArray:

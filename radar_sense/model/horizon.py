@@ -19,9 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from radar_sense.covariance import largest_variance, variance_along
-from radar_sense.errors import InputError
 from radar_sense.limits import ANY, check_number
-from radar_sense.model.geodesy import height_from_ned, is_place, turn_from_level
+from radar_sense.model.geodesy import check_origin, height_from_ned, turn_from_level
 from radar_sense.states import DOWN, POSITION, FloatArray
 
 #: Mean radius of the earth [m].
@@ -58,12 +57,8 @@ class Horizon:
     surface: float = 0.0
 
     def __post_init__(self) -> None:
+        check_origin(self.origin)
         if self.origin is not None:
-            if not is_place(self.origin):
-                raise InputError(
-                    "origin must be latitude and longitude [rad] and height [m], got "
-                    f"{self.origin!r}"
-                )
             object.__setattr__(self, "origin", tuple(self.origin))
         check_number("surface", self.surface, ANY)
 

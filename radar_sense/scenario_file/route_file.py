@@ -150,10 +150,7 @@ def load_route(
         icao24=icao24,
     )
     check_parameters(stated)
-    if origin is not None and not geodesy.is_place(origin):
-        raise InputError(
-            f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
-        )
+    geodesy.check_origin(origin)
     with open_text(path, ROUTE_FILE) as file:
         return read_route(file, stated, origin)
 
