@@ -98,7 +98,7 @@ class Geometry(ReadOnly):
         return self
 
     def at(self, coordinate: FloatArray) -> Geometry:
-        """Return the poses of the flight at other coordinates (k,)."""
+        """Return the poses of the flight at other coordinates (k,), in any order."""
         raise InputError("there is no flight from pose to pose")
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Geometry:

@@ -150,7 +150,7 @@ def _tolerance(margin: FloatArray, least: float) -> FloatArray:
 
 
 def along(scenario: Scenario, place: FloatArray) -> Scenario:
-    """Return the scenario at other coordinates (k,) of its flight."""
+    """Return the scenario at other coordinates (k,) of its flight, in any order."""
     return scenario.along(scenario.geometry.at(place))
 
 
@@ -318,7 +318,7 @@ def _maxima(
     low, high = place[np.maximum(top - 1, 0)], place[np.minimum(top + 1, len(place) - 1)]
 
     def each(x: FloatArray) -> FloatArray:
-        return sign * _in_any_order(scenario, x, value)[np.arange(len(x)), number]
+        return sign * value(along(scenario, x))[np.arange(len(x)), number]
 
     if top.size:
         _, low = golden_section(each, low, high, SEARCH)
@@ -332,18 +332,10 @@ def _crossings(scenario: Scenario, place: FloatArray) -> FloatArray:
     low, high, first = place[crossing], place[crossing + 1], seen[crossing, number]
     for _ in range(SEARCH if crossing.size else 0):
         middle = 0.5 * (low + high)
-        margins = _in_any_order(scenario, middle, _margins)
+        margins = _margins(along(scenario, middle))
         same = (margins[np.arange(len(middle)), number] >= 0) == first
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     return np.concatenate([np.floor(low / UNIT) * UNIT, np.ceil(high / UNIT) * UNIT])
-
-
-def _in_any_order(
-    scenario: Scenario, place: FloatArray, value: Callable[[Scenario], FloatArray]
-) -> FloatArray:
-    """Return functions (j, m) of the poses at places (j,) that need not be in order or apart."""
-    ordered, back = np.unique(place, return_inverse=True)
-    return value(along(scenario, ordered))[back]
 
 
 def _bend(place: FloatArray, values: FloatArray) -> FloatArray:

@@ -224,13 +224,13 @@ def _too_many(step_s: float, name: str = "step_s") -> InputError:
 
 
 def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
-    """Return a route at times (n,) [s] within its own, increasing, by a method of `resample`."""
+    """Return a route at times (n,) [s] within its own, in any order, by a method of `resample`."""
     if len(route.time_s) == 1:
         return route
     motion = legs if method == "legs" else _smooth
-    asked = time
-    if not route.attitude_given:  # where it hovers, the course is that of arrival, or of departure
-        time = np.unique(np.concatenate([asked, route.time_s, *_beside_stops(route)]))
+    # where it hovers, a course from the track is that of arrival, or of departure
+    beside = () if route.attitude_given else (route.time_s, *_beside_stops(route))
+    asked, time = time, np.unique(np.concatenate([time, *beside]))
     position, velocity, acceleration = motion(route, time)
     if route.attitude_given:
         to_ned = route.turning(time).as_matrix()
