@@ -48,9 +48,9 @@ STATISTICS = {"mean": slice(0, 1), "std": slice(1, 2), "quantile": slice(2, 4)}
 def draw(sampler: Sampler, kind: str, seed: int, runs: int) -> FloatArray:
     """Draw P_D (runs, n)."""
     poses, radar_normals = len(sampler.states.aircraft), sampler.states.radar_normals
-    source = SAMPLERS[kind](seed, min(runs, BLOCK), poses, radar_normals)
-    blocks = range(math.ceil(runs / source.runs))
-    return np.concatenate([draw_block(sampler, source, block, runs)[0] for block in blocks])
+    normals = SAMPLERS[kind](seed, min(runs, BLOCK), poses, radar_normals)
+    blocks = range(math.ceil(runs / normals.runs))
+    return np.concatenate([draw_block(sampler, normals, block, runs)[0] for block in blocks])
 
 
 def estimate(p_d: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ from radar_sense.errors import InputError, counted, describe
 from radar_sense.limits import SIGMAS, WORKERS, Limit, check_number
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler, clipped
-from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
+from radar_sense.montecarlo.sequences import SAMPLERS, UnitNormals, check_sampler
 from radar_sense.montecarlo.statistics import DrawStatistics, Statistics, binomial_interval
 from radar_sense.progress import report
 from radar_sense.propagation import Moments, propagate_scenario
@@ -111,13 +111,15 @@ class MonteCarlo(DrawStatistics):
         )
 
 
-def draw_block(sampler: Sampler, source: Source, block: int, runs: int) -> tuple[FloatArray, int]:
+def draw_block(
+    sampler: Sampler, normals: UnitNormals, block: int, runs: int
+) -> tuple[FloatArray, int]:
     """Return P_D (m, n) of a block of runs, and how many of them are clipped, see `clipped`.
 
     The last block may have fewer of all `runs`.
     """
-    rows = slice(min(source.runs, runs - block * source.runs))
-    radar_normals, aircraft_normals = source.block(block)
+    rows = slice(min(normals.runs, runs - block * normals.runs))
+    radar_normals, aircraft_normals = normals.block(block)
     radar = sampler.states.radars_at(radar_normals[rows])
     return sampler.draw_p_d(aircraft_normals[rows], radar), clipped(radar)
 
@@ -167,12 +169,12 @@ def monte_carlo(
     drawing, band = Sampler(states), propagate_scenario(scenario, method=method, beta=k)
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
-    source = SAMPLERS[sampler](scenario.seed, runs_per_block, poses, states.radar_normals)
+    normals = SAMPLERS[sampler](scenario.seed, runs_per_block, poses, states.radar_normals)
     shown = min(MAX_SAMPLE_PATHS, max(1, MAX_NUMBERS // poses), runs)
     slack = ROUNDING * abs(band.p_d)
     lower, upper = band.lower - slack, band.upper + slack
 
-    draw = partial(_draw, drawing, source, runs, shown, (lower, upper), tail)
+    draw = partial(_draw, drawing, normals, runs, shown, (lower, upper), tail)
     blocks = math.ceil(runs / runs_per_block)
     for statistics, inside, of_block, sample_paths in in_order(draw, blocks, workers, executor):
         total.merge(statistics)
@@ -195,7 +197,7 @@ def monte_carlo(
 
 def _draw(
     drawing: Sampler,
-    source: Source,
+    normals: UnitNormals,
     runs: int,
     shown: int,
     band: tuple[FloatArray, FloatArray],
@@ -206,8 +208,8 @@ def _draw(
 
     It is no function within another, which an executor of processes could not pickle.
     """
-    p_d, of_block = draw_block(drawing, source, block, runs)
+    p_d, of_block = draw_block(drawing, normals, block, runs)
     statistics = Statistics(p_d.shape[1], runs, tail)
     statistics.add(p_d)
     inside = np.count_nonzero((p_d >= band[0]) & (p_d <= band[1]), axis=0)
-    return statistics, inside, of_block, p_d[: max(0, shown - block * source.runs)].copy()
+    return statistics, inside, of_block, p_d[: max(0, shown - block * normals.runs)].copy()

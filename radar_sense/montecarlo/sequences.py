@@ -1,8 +1,7 @@
 """Unit normals for the states of a scenario: random, or from a Sobol' sequence.
 
-A source returns blocks of unit normals. Every run has one vector for the radar, and one vector for
-the aircraft at every pose. A block depends only on the seed and its number. A source always returns
-whole blocks.
+They come in blocks. Every run has one vector for the radar, and one for the aircraft at every pose.
+A block depends only on the seed and its number, and is always whole.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ MAX_SOBOL_RUNS = 2**24
 
 
 @dataclass(frozen=True)
-class Source:
-    """A source of blocks.
+class UnitNormals:
+    """Unit normals of all states, block after block.
 
     Attributes:
         seed: Seed of all blocks.
@@ -47,11 +46,11 @@ class Source:
         raise NotImplementedError
 
 
-class Random(Source):
+class Random(UnitNormals):
     """Pseudo-random unit normals, a stream for each block."""
 
     def block(self, index: int) -> tuple[FloatArray, FloatArray]:
-        """As of `Source`."""
+        """As of `UnitNormals`."""
         generator = random_stream(self.seed, index)
         radar = generator.standard_normal((self.runs, self.radar))
         # Component first in memory, as P_D is computed component by component.
@@ -59,7 +58,7 @@ class Random(Source):
         return radar, np.moveaxis(aircraft, 0, -1)
 
 
-class Sobol(Source):
+class Sobol(UnitNormals):
     """Unit normals from a scrambled Sobol' sequence in the dimensions of all states.
 
     The sequence has a dimension for each unit normal of the radars, and six for the aircraft. All
@@ -75,7 +74,7 @@ class Sobol(Source):
     """
 
     def block(self, index: int) -> tuple[FloatArray, FloatArray]:
-        """As of `Source`."""
+        """As of `UnitNormals`."""
         from scipy.stats import qmc  # slow to import
 
         sequence = qmc.Sobol(
@@ -97,8 +96,8 @@ def _normal(bits: NDArray[np.uint32]) -> FloatArray:
     return normal
 
 
-#: The sources by name.
-SAMPLERS: Mapping[str, type[Source]] = {"random": Random, "sobol": Sobol}
+#: The kinds by name.
+SAMPLERS: Mapping[str, type[UnitNormals]] = {"random": Random, "sobol": Sobol}
 
 
 def check_sampler(name: str, runs: int) -> None:
