@@ -178,7 +178,9 @@ def coverage_map(
     area_km2 = float(np.sum(cell_km2))
     levels = np.array(contours)  # in double precision, as P_D is not
     areas = {f"{level:g}": float(np.sum(cell_km2[~(shown < level)])) for level in levels}
-    route = upper_bound(scenario, method, k) if upper else scenario.p_d()
+    route = scenario.p_d()
+    if upper:  # a route has few poses, and errors of its own
+        route = band_of_scenario(scenario, method=AUTOMATIC, beta=k).upper
     result.summary |= {
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
         "east_km": [float(cells.east[0]) / 1e3, float(cells.east[-1]) / 1e3],
@@ -206,7 +208,8 @@ def coverage_map(
         for level, area in areas.items()
     ]
     ends = " to ".join(map(probability, result.summary["route"]))
-    result.report += [f"along the route, at the attitude of each pose, {most}{ends}"]
+    by = ", by automatic" if upper else ""
+    result.report += [f"along the route, at the attitude of each pose, {ends}{by}"]
     result.warnings += height_of_option(scenario, down_km)
     result.warnings += _warnings(cells, shown, method, unknown)
     without = "at the route, the bound has no value" if upper else "at the route, P_D has no value"
