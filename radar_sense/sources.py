@@ -331,8 +331,8 @@ def worth_most(scenario: Scenario, budget: Budget) -> tuple[list[Contribution], 
     """Return what leaves the least 3σ at the pose if its deviation is halved, and what it leaves.
 
     It is several contributions if what they leave is the same in print, or to the draws of
-    `automatic`, and none where the method has no value. Sobol' indices do not know what a halved
-    deviation leaves: the sources with the largest share are returned, and NaN.
+    `automatic`, and none if the method does not know what one leaves. Sobol' indices do not know
+    what a halved deviation leaves: the sources with the largest share are returned, and NaN.
     """
     pose, total = budget.pose, float(budget.total.three_sigma[budget.pose])
     if scenario.method == MONTE_CARLO:
@@ -347,7 +347,7 @@ def worth_most(scenario: Scenario, budget: Budget) -> tuple[list[Contribution], 
         }
         value = value_function(scenario.at_poses(np.array([pose])), scenario.method)
         left = {name: float(value([name], 0.5)[0]) for name in candidates}
-    least = min(left.values(), key=lambda value: np.nan_to_num(value, nan=np.inf))
+    least = float(np.min([*left.values()]))  # NaN if any is
     # σ by draws may have this standard error
     alike = STD_CHANGE / ERRORS if scenario.method == AUTOMATIC else TIE
     first = [candidates[name] for name, value in left.items() if value <= least + alike * total]

@@ -58,12 +58,11 @@ def budget(
         InputError: If there is no such pose, or options do not go together.
     """
     axis, method, result = scenario.axis, scenario.method, Result(scenario)
+    given = None if at is None else axis.pose_at(at)
     asked = requirement(threshold, k, probability, at_least)
     needed, numbers = required_accuracy(scenario, asked, target, at)
     result.report += needed
-    found = error_budget(scenario, method)
-    if at is not None:
-        found = replace(found, chosen=axis.pose_at(at))
+    found = replace(error_budget(scenario, method), chosen=given)
     sources, parts, finer = (kind.values() for kind in (found.sources, found.parts, found.finer))
     total, interaction, pose = found.total, found.interaction, found.pose
     at_pose = float(total.three_sigma[pose])
@@ -168,13 +167,15 @@ def _row(c: Contribution, pose: int, width: int) -> str:
 def _know_first(scenario: Scenario, found: Budget) -> list[str]:
     """Return what should be known better first, where the total is largest, in a line if known."""
     pose, (first, remaining) = found.pose, worth_most(scenario, found)
-    total = float(found.total.three_sigma[pose])
-    if not first or words.probability(total) == "0":
+    total, place = float(found.total.three_sigma[pose]), scenario.axis.at(pose)
+    if words.probability(total) == "0":
         return []
-    names, place = words.listed(c.name for c in first), scenario.axis.at(pose)
-    leaves = f"leaves {words.probability(remaining)}"
+    if not first:
+        unknown = f"{scenario.method} has no value with half of a source at {place}"
+        return [f"what to know better first is not known: {unknown}; {words.REMEDY}"]
+    names, leaves = words.listed(c.name for c in first), f"leaves {words.probability(remaining)}"
     if remaining > (1.0 - LEAST_GAIN) * total:
-        return [f"no source is worth a measurement: half of {names} {leaves} at {place}"]
+        return [f"no source is worth a measurement: half of any one {leaves} or more at {place}"]
     share, whose = first[0].share[pose], "its deviation"
     part = "" if np.isnan(share) else f", {share:.1%} of the variance of P_D"
     if len(first) > 1:

@@ -84,7 +84,7 @@ def required_accuracy(
         itself = f"P_D itself is {side(goal)}, most at {axis.format(required['all'].place)}"
         lines = [f"{start}no better knowledge helps: {itself}"]
     else:
-        lines = [f"{start}sigma of all sources or of one (others unchanged) must be:"]
+        lines = [f"{start}sigma of all sources or of one (others unchanged) must be, in % of now:"]
         lines += _rows(required, scenario, axis)
     numbers = {
         **({"three_sigma": limit} if asked is None else asked.numbers),

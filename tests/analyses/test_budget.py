@@ -202,6 +202,16 @@ def test_what_remains_is_said_in_digits_that_show_it_beyond_the_limit():
     assert all(0.9085 < float(value) < 0.91 for value in remains)
 
 
+def test_what_to_know_first_is_not_known_where_a_half_has_no_value():
+    """FORM does not converge with half of the gain's deviation, which leaves least."""
+    s = load_scenario("configs/gap_fillers.yaml").at_poses(slice(43, 44))
+    assert s.axis.at(0) == "86 deg"
+    line, heading, *_ = analyses.budget(s, method="form").report
+    assert line.startswith("what to know better first is not known: form has no value")
+    assert line.endswith("at 86 deg; use --method automatic")
+    assert heading.startswith("3 sigma of P_D")
+
+
 def test_the_report_of_a_budget_has_the_required_accuracies():
     result = analyses.budget(load_scenario(), target=0.05)
     text = "\n".join(result.report)
