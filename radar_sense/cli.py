@@ -82,7 +82,7 @@ STYLE = click.Option(
     default=STYLES[0],
     show_default=True,
     type=click.Choice(STYLES),
-    help="Size of the figure.",
+    help="Figure of 3.5, 7.16 or 13.33 in, or of 3.5 in as IEEE asks, without small print.",
 )
 NO_PLOT = click.Option(["--no-plot"], is_flag=True, help="Write no figure.")
 JSON = click.Option(["--json"], is_flag=True, help="Print the record in place of the words.")

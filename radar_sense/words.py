@@ -140,7 +140,8 @@ def heading(yaw_deg: float) -> str:
 def describe_detector(detector: Detector) -> str:
     """Return a detector in words."""
     names = [name for name, cls in DETECTORS.items() if type(detector) is cls]
-    words = names[:1] or [repr(detector)]
+    own = type(detector)
+    words = names[:1] or [own.__name__ if own.__repr__ is object.__repr__ else repr(detector)]
     if not isinstance(detector, PulseDetector):
         return words[0]
     if detector.pulses > 1:

@@ -42,8 +42,9 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
     """Return the radar constants, the flight, and range and SNR of each radar, in lines.
 
     The flight has duration, length, speed, height and bank. The speed is the mean from row to row.
-    Ranges and SNR are without the limits of a radar. A radar whose limits hide the aircraft has a
-    line where they do, and one whose horizon is not asked for where the aircraft is beyond it.
+    Ranges are without the limits of a radar, and so is the SNR of a radar that never sees the
+    aircraft. A radar whose limits hide the aircraft has a line where they do, and one whose horizon
+    is not asked for where the aircraft is beyond it.
     """
     lines, geometry = _constants(scenario), scenario.geometry
     scenario = scenario.along(geometry.whole)
@@ -63,11 +64,14 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
     for name, radar, state in zip(names, scenario.model.radars, states, strict=True):
         distance = slant_range(scenario.aircraft, state)
         snr_db = decibels(radar.model.snr(scenario.aircraft, state))
-        lines.append(f"{name}: range {_span(distance / 1e3)} km, SNR {_span(snr_db)} dB")
         beyond_limit = {
             limit: margin < 0 for limit, margin in radar.margins(scenario.aircraft, state).items()
         }
         hidden = np.any([*beyond_limit.values()], axis=0)
+        snr = f"{_span(snr_db)} dB"
+        if hidden.any() and not hidden.all():
+            snr = f"{_span(snr_db[~hidden])} dB where in sight"
+        lines.append(f"{name}: range {_span(distance / 1e3)} km, SNR {snr}")
         if hidden.any():
             limits = listed(limit for limit, mask in beyond_limit.items() if mask.any())
             place = describe_poses(hidden, scenario.axis)

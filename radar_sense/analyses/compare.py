@@ -57,9 +57,8 @@ def compare(
 ) -> Result:
     """Bounds of P_D by every method against Monte Carlo.
 
-    The draws have an emphasis on the tails, and a second of them. A difference that they cannot
-    tell from none is said to be so. Plain runs take their place if --runs, --sampler sobol or a
-    cluster ask for them.
+    The draws have an emphasis on the tails. A difference that they cannot tell from none is said to
+    be so. Plain runs take their place if --runs, --sampler sobol or a cluster ask for them.
 
     Raises:
         InputError: If there is no such sampler.

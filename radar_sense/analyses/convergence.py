@@ -94,7 +94,10 @@ def _cell(error: float, rate: float, random_runs_for_the_same: float) -> str:
         return "none" if error == 0 else "undefined"
     # from one seed to another rates differ by some 0.1, and the runs by a factor of 2
     slope = f"n^{rate:<+7.1f}" if np.isfinite(rate) else f"{'no rate':9}"
-    return f"{error:<9.2g}{slope}" + f"{random_runs_for_the_same:.0e}".replace("e+0", "e")
+    runs = f"{random_runs_for_the_same:.1e}".replace("e+0", "e")
+    if random_runs_for_the_same < 1e6:
+        runs = f"{float(runs):,.0f}"
+    return f"{error:<9.2g}{slope}{runs}"
 
 
 def _warnings(measured: Convergence) -> Iterator[str]:

@@ -282,9 +282,7 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
         "sigma has no value {}: P_D does not fall with distance": without[0] & ~limited,
         "the lower bound has no value {}": without[1] & ~limited,
         "the upper bound has no value {}": without[2] & ~limited,
-        f"passed several times, at {edges.max()} ranges or more, {{}}; the farthest is given": (
-            edges > 1
-        ),
+        f"passed at {edges.max()} ranges or more, {{}}; the farthest is given": edges > 1,
         f"still higher at {end}, {{}}; sigma has no value": at.reach.endless,
     }
     said = (text.format(place) for text, place in words.places(masks, axis).items())

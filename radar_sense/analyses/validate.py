@@ -103,7 +103,7 @@ def _report(
     to = f"{counted(digits, 'significant digit')} of sigma"
     masks = {
         f"{method} agrees with draws": verdict.agrees & np.full(len(axis), result.passed),
-        f"{method} does NOT agree with draws": verdict.differs & ~without,
+        f"{method} DIFFERS from draws": verdict.differs & ~without,
         f"{method} has no result": without,
         f"NOT KNOWN whether {method} agrees with draws": verdict.undecided,
     }

@@ -53,7 +53,7 @@ def condition(required: Requirement) -> str:
 
 def draw_limit(axes: Axes, required: Requirement, dashes: str) -> None:
     """Draw the limit, and name it with its value."""
-    label = f"{'least $P_D$' if required.at_least else 'threshold'} {required.limit:g}"
+    label = f"{'required $P_D$' if required.at_least else 'threshold'} {required.limit:g}"
     axes.axhline(required.limit, color="black", lw=plotting.points(0.8), ls=dashes, label=label)
 
 
@@ -68,7 +68,7 @@ def highest_in_words(tested: PathTest) -> str:
     if _none(decision):
         return f"in none of {decision.runs.runs:,} runs"
     value, error = decision.probability[decision.highest], decision.error[decision.highest]
-    return f"{words.probability(value)} +/- {error:.1g}"
+    return f"{words.probability(value)} +/- {error if error >= words.LEAST else 0.0:.1g}"
 
 
 def _none(decision: Decision) -> bool:
@@ -278,7 +278,8 @@ def _probability_lines(tested: PathTest) -> list[str]:
     line += "" if alike.all() else ", where it is highest"
     if runs.anywhere is None:
         scenario = tested.path.scenario
-        missing = [] if scenario.correlation_s else ["uncertainty.aircraft_correlation_s"]
+        key = "uncertainty.aircraft_correlation_s (in Python Scenario.correlation_s)"
+        missing = [] if scenario.correlation_s else [key]
         missing += ["a path with times"] if scenario.time_s is None else []
         return [line, f"P at some pose needs {' and '.join(missing)}"]
     line += (  # P_D of a run may be higher between two poses than at both

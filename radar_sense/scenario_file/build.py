@@ -182,7 +182,8 @@ def _refuse_uncovered(place: Place, geometry: Geometry, radar: Radar) -> None:
         raise place.error(
             f"at {geometry.axis.name} {geometry.axis.at(outside[0])} the aircraft sees "
             f"{_called(radar)} at elevation {elevation_of(body[outside[0]]) / DEG:.3g} deg, the "
-            f"RCS table covers {rcs.elevation[0] / DEG:g} to {rcs.elevation[-1] / DEG:g} deg"
+            f"RCS table covers {rcs.elevation[0] / DEG:g} to {rcs.elevation[-1] / DEG:g} deg: "
+            "add rows to the table, or change the path"
         )
 
 

@@ -327,7 +327,7 @@ def test_validate_answers_where_a_method_may_be_trusted():
     lines = [line for line in top.lines if len(line.get_xdata()) == 3]
     for line, name in zip(lines, ("mean", "sigma", "lower", "upper"), strict=True):
         np.testing.assert_array_equal(line.get_ydata(), table[f"distance_{name}"] / table["delta"])
-    assert "does NOT agree" in linear.report[0]
+    assert "linear DIFFERS from draws at" in linear.report[0]
     assert "at 90 deg" in linear.report[0]
     form = analyses.validate(s, method="form", digits=1)
     assert form.passed
@@ -432,7 +432,7 @@ def test_different_unknown_and_poses_without_a_result_are_told_apart(monkeypatch
     poses = monkeypatch, distance, error, [0.1, 0.1, 0.1, 0.1, 5e-8]
     result = judged(*poses)
     assert result.report[:6] == (
-        "linear does NOT agree with draws at 10, 40 deg, to 1 significant digit of sigma (medium)",
+        "linear DIFFERS from draws at 10, 40 deg, to 1 significant digit of sigma (medium)",
         "linear has no result at 30 deg",
         "NOT KNOWN whether linear agrees with draws at 20 deg",
         "  2,097,152 draws a pose, the most allowed, are too few",

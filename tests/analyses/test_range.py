@@ -222,7 +222,7 @@ def test_the_report_of_ranges_that_are_passed_several_times():
     assert f"{result.summary['title']} (medium)" in first
     assert none == "  P_D 0.6: at no range at 0, 180 deg; sigma has no value"
     assert several == (
-        "  P_D 0.6: passed several times, at 2 ranges or more, "
+        "  P_D 0.6: passed at 2 ranges or more, "
         "at 22.5 to 157.5, 202.5 to 337.5 deg; the farthest is given"
     )
     # the record has means over the bearings with a range; here they are alike at all of them

@@ -116,7 +116,8 @@ def test_a_single_pose_is_above_as_a_whole_or_not_at_all(p_max, share):
 def test_a_path_with_times_needs_a_correlation(tmp_path):
     s = rs.load_scenario(write(tmp_path))
     report = rs.analyses.variance(s, threshold=0.5, method="form").report
-    assert "P at some pose needs uncertainty.aircraft_correlation_s" in report
+    key = "uncertainty.aircraft_correlation_s (in Python Scenario.correlation_s)"
+    assert f"P at some pose needs {key}" in report
 
 
 def test_no_bound_is_not_known(tool):
