@@ -457,7 +457,7 @@ def draw_shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | 
             (0, 1),
             transform=axes.get_xaxis_transform(),
             color="0.9",
-            lw=0,
+            lw=points(0.6),  # a span of a pose shows
             rasterized=len(spans) > MOST_POINTS,
             zorder=0.9,  # over the grid, under all data
             label=label,
