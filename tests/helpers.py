@@ -80,6 +80,16 @@ def scenario(**changes):
     return parse_scenario(text) if "file:" in text else _parsed(text)
 
 
+def known_to(metres=0, degrees=0, rcs_db=0, **of_radar):
+    """Changes of a scenario: deviations of the aircraft and of its radar, of nothing unless given.
+
+    The method is then `automatic`, and not that of the paper.
+    """
+    aircraft = {"position_m": metres, "attitude_deg": degrees, "rcs_db": rcs_db}
+    radar = {"medium": {"position_m": 0, "constant": 0, **of_radar}}
+    return {"uncertainty": {"aircraft": aircraft, "radar": radar}, "analysis": {"level": "medium"}}
+
+
 @cache
 def _parsed(text):
     """The scenario of a text that names no file: many tests have the same immutable scenario."""

@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 import pytest
-from helpers import csv_text, required, scenario, write_path, yaml_text
+from helpers import csv_text, known_to, required, scenario, write_path, yaml_text
 from routes import HEAD, POSE_HEAD, triangle
 from scipy.constants import Boltzmann
 from scipy.special import ndtr
@@ -69,11 +69,7 @@ def test_a_course_that_jumps_at_a_waypoint(tmp_path):
         "radar": {"position_m": [-148629, 133826, 0], "constant": 0.2666, "p_fa": 1e-5},
         "aircraft__rcs": {"model": "ellipsoid_exact", "x_m": 0.6, "y_m": 0.3, "z_m": 0.2},
         "geometry__interpolate": {"step_s": 300},
-        "uncertainty": {
-            "aircraft": {"position_m": 1e-3, "attitude_deg": 1e-4},
-            "radar": {"medium": {"position_m": 1e-3, "constant": 1e-9}},
-        },
-        "analysis": {"level": "medium"},
+        **known_to(1e-3, 1e-4, position_m=1e-3, constant=1e-9),
     }
     s = rs.load_scenario(write_path(tmp_path, f"{HEAD}\n{rows}", "turn.yaml", **changes))
     dense = s.along(s.geometry.at(np.arange(0, 600, 0.05)))
@@ -295,11 +291,7 @@ def banked(folder, step, method="legs", **place):
         geometry=route,
         aircraft__rcs={"model": "ellipsoid_exact", "x_m": 0.3, "y_m": 0.25, "z_m": 0.07},
         radar={**of_radar, **place},
-        uncertainty={
-            "aircraft": {"position_m": 10, "attitude_deg": 1},
-            "radar": {"medium": {"position_m": 10, "constant": 5e-4}},
-        },
-        analysis={"level": "medium"},
+        **known_to(10, 1, position_m=10, constant=5e-4),
     )
     return rs.load_scenario(file)
 

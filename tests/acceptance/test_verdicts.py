@@ -11,6 +11,7 @@ from helpers import (
     OVERHEAD,
     corridor,
     cov_by_level,
+    known_to,
     required,
     scenario,
     sheet_scenario,
@@ -103,12 +104,7 @@ def test_the_bound_and_the_probability_agree(method):
 
 
 def test_without_uncertainty_the_probability_is_zero_or_one():
-    certain = {
-        "aircraft": {"position_m": 0, "attitude_deg": 0},
-        "radar": {"none": {"position_m": 0, "constant": 0}},
-    }
-    level = {"level": "none"}
-    s = scenario(uncertainty=certain, analysis=level, geometry__azimuth_deg=FEW)
+    s = scenario(**known_to(), geometry__azimuth_deg=FEW)
     for method in ("linear", "probit", "form", "automatic"):
         assert distribution(s, method).exceedance(0.7).tolist() == [0, 1]
     result = analyses.variance(s.at_poses(slice(1)), threshold=0.7)
@@ -120,12 +116,7 @@ def test_without_uncertainty_the_probability_is_zero_or_one():
 
 
 def test_of_a_certain_p_d_beyond_the_limit_no_better_knowledge_helps():
-    certain = {"a": {"position_m": 0, "constant": 0}}
-    s = scenario(
-        uncertainty={"aircraft": {"position_m": 0, "attitude_deg": 0}, "radar": certain},
-        analysis={"level": "a"},
-        geometry__azimuth_deg=FEW,
-    )
+    s = scenario(**known_to(), geometry__azimuth_deg=FEW)
     asked = {"threshold": 0.5 * float(s.p_d().max()), "probability": 0.05}
     for result in (analyses.variance(s, **asked), analyses.budget(s, **asked)):
         assert any("no better knowledge helps" in line for line in result.report)
@@ -155,11 +146,7 @@ def test_draws_decide(at_least):
 @pytest.mark.parametrize("k", [2.9999, 3.0001])
 def test_no_verdict_is_wrong_just_beside_the_limit(k):
     """Only c_r is uncertain, and P(P_D > P_max) is Φ(−k). A stratum of the draws ends at Φ(3)."""
-    certain = {"position_m": 0, "attitude_deg": 0}
-    s = scenario(
-        geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1},
-        uncertainty={"aircraft": certain, "radar": {"medium": {"position_m": 0, "constant": 5}}},
-    )
+    s = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1}, **known_to(constant=5))
     p_max = s.model.p_d(s.aircraft, np.add(s.radar, [0, 0, 0, 5 * k]))[0]
     found = decide(s, Requirement(float(p_max)))
     assert not (found.holds[0] if k < 3 else found.violated[0])
@@ -485,14 +472,10 @@ def test_the_chance_of_a_false_decision_is_of_all_stages_and_poses():
 
 def test_a_probability_is_tested_alone():
     """At the top of a lobe P_D itself is above a limit that errors of yaw rarely exceed."""
-    certain = {"position_m": 0, "constant": 0}
     s = scenario(
         geometry__azimuth_deg={"start": 22.5, "stop": 22.5, "step": 1},
         aircraft__rcs=spikes(8, 0.03, 0.01),
-        uncertainty={
-            "aircraft": {"position_m": 0, "attitude_deg": [0, 0, 5]},
-            "radar": {"medium": certain},
-        },
+        **known_to(0, [0, 0, 5]),
     )
     p_max = 0.99 * float(s.p_d()[0])
     yaw = np.deg2rad(np.random.default_rng(1).normal(0, 5, 100_000))
@@ -521,10 +504,7 @@ def test_draws_look_on_where_form_has_no_value():
         radar__constant=0.001,
         radar__detector="swerling1",
         radar__max_range_km=30,
-        uncertainty={
-            "aircraft": {"position_m": 300, "attitude_deg": 1},
-            "radar": {"medium": {"position_m": 50, "constant": 1e-4}},
-        },
+        **known_to(300, 1, position_m=50, constant=1e-4),
     )
     (found,) = required(s, 1.45, "aircraft_position", method="form").values()
     assert found.factor == np.inf
@@ -535,11 +515,7 @@ def test_better_knowledge_helps_where_p_d_itself_is_beyond_the_limit_of_a_probab
     s = scenario(
         geometry__azimuth_deg={"start": 22.5, "stop": 22.5, "step": 1},
         aircraft__rcs=spikes(8, 0.03, 0.01),
-        uncertainty={
-            "aircraft": {"position_m": 0, "attitude_deg": [0, 0, 20]},
-            "radar": {"medium": {"position_m": 0, "constant": 50}},
-        },
-        analysis__method="automatic",
+        **known_to(0, [0, 0, 20], constant=50),
     )
     p_max = 0.98 * float(s.p_d()[0])
     yaw, c_r = np.random.default_rng(2).standard_normal((2, 400_000))
@@ -580,11 +556,7 @@ def at_a_lobe(floor, yaw):
         radar__detector="swerling1",
         aircraft__rcs=spikes(24, 1.0, floor),
         aircraft__attitude_deg=[0, 0, yaw],
-        uncertainty={
-            "aircraft": {"position_m": 10, "attitude_deg": [0.1, 0.1, 4]},
-            "radar": {"medium": {"position_m": 100, "constant": 0.35}},
-        },
-        analysis__method="automatic",
+        **known_to(10, [0.1, 0.1, 4], position_m=100, constant=0.35),
     )
 
 
@@ -600,11 +572,7 @@ def test_the_worst_of_poses_that_draws_do_not_tell_apart_is_that_of_the_lowest_p
         radar__detector="swerling1",
         aircraft__rcs=spikes(8, 1.0, 0.001),
         aircraft__attitude_deg=[0, 0, 10],
-        uncertainty={
-            "aircraft": {"position_m": 10, "attitude_deg": 2},
-            "radar": {"medium": {"position_m": 10, "constant": 0.001}},
-        },
-        analysis__method="automatic",
+        **known_to(10, 2, position_m=10, constant=0.001),
     )
     tested = analyses.variance(s, at_least=0.05).summary["threshold"]
     assert tested["worst_margin"]["theta_r_deg"] == pytest.approx(10, abs=0.1)

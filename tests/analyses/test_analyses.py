@@ -11,6 +11,7 @@ from helpers import (
     SOURCES,
     csv_text,
     document,
+    known_to,
     scenario,
     shares_of,
     small_batches,
@@ -101,9 +102,7 @@ def test_a_band_that_is_off_is_warned_of_once():
 
 def test_a_vanishing_gradient_is_warned_of():
     """Nose on, the RCS is flat: an attitude known to 15 deg has no partial, and much variance."""
-    pose = {"position_m": 1, "attitude_deg": 15}
-    low = {"position_m": 1, "constant": 0.5}
-    s = scenario(uncertainty={"aircraft": pose, "radar": {"low": low}}, analysis={"level": "low"})
+    s = scenario(**known_to(1, 15, position_m=1, constant=0.5))
     off, warning = analyses.budget(s.at_poses(slice(None, None, 12)), method="linear").warnings
     assert off.endswith("[sigma-off]")
     assert "misses aircraft_orientation at 0, 180 deg, where the gradient vanishes" in warning
@@ -393,10 +392,7 @@ def test_the_span_of_p_d_in_words(p_d, says):
 
 def test_no_uncertainty_at_all():
     """Nothing is uncertain: P_D has a value, a budget no shares, and no report a nan."""
-    certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
-    certain["radar"] = {"none": {"position_m": 0, "constant": 0}}
-    s = scenario(uncertainty=certain, analysis={"level": "none", "runs": 64})
-    s = s.at_poses(slice(None, None, 60))
+    s = scenario(**known_to(), analysis__runs=64).at_poses(slice(None, None, 60))
     for analysis in ALL:
         assert not any("nan" in line for line in analysis(s).report)
     for method in ("linear", "montecarlo"):

@@ -5,7 +5,17 @@ import re
 import numpy as np
 import pytest
 import yaml
-from helpers import OVERHEAD, SOURCES, document, required, scenario, shares_of, stds_of, yaml_text
+from helpers import (
+    OVERHEAD,
+    SOURCES,
+    document,
+    known_to,
+    required,
+    scenario,
+    shares_of,
+    stds_of,
+    yaml_text,
+)
 from scipy.constants import Boltzmann
 from scipy.special import erfc
 from scipy.stats import norm
@@ -24,7 +34,6 @@ from radar_sense.states import CONSTANT, RCS_ERROR
 from radar_sense.words import describe_poses, probability
 
 FEW = {"start": 0, "stop": 90, "step": 15}
-NOTHING = {"position_m": 0, "attitude_deg": 0}
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -367,8 +376,7 @@ def test_undefined_gradients_of_certain_states_do_not_matter():
     s = scenario(
         **OVERHEAD,
         radar__constant=1e-4,
-        uncertainty={"aircraft": NOTHING, "radar": {"some": {"position_m": 0, "constant": 1e-6}}},
-        analysis={"level": "some"},
+        **known_to(constant=1e-6),
     )
     linear, form = error_budget(s), error_budget(s, "form")
     assert 0 < linear.total.std[0] < 1
@@ -456,8 +464,7 @@ def test_what_to_know_first_is_what_leaves_least_if_it_is_halved():
         radar__constant=854,
         radar__detector="swerling1",
         radar__p_fa=1e-6,
-        uncertainty__aircraft={"position_m": 10, "attitude_deg": 1, "rcs_db": 5.2},
-        uncertainty__radar={"medium": {"position_m": 10, "constant": 0.25 * 854}},
+        **known_to(10, 1, rcs_db=5.2, position_m=10, constant=0.25 * 854),
     )
     result = analyses.budget(s, method="form")
     alone, states = result.summary["at_largest"], s.states()

@@ -11,7 +11,16 @@ import math
 import numpy as np
 import pytest
 import yaml
-from helpers import CONFIGS, OVERHEAD, corridor, scenario, sheet_scenario, with_arrays, yaml_text
+from helpers import (
+    CONFIGS,
+    OVERHEAD,
+    corridor,
+    known_to,
+    scenario,
+    sheet_scenario,
+    with_arrays,
+    yaml_text,
+)
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
@@ -207,10 +216,7 @@ def test_a_bound_of_a_large_margin_is_right_to_a_quarter_of_a_decibel(km):
     rcs = {"model": "ellipsoid", "a_m": 0.15, "b_m": 0.13, "c_m": 2.0}
     s = scenario(
         aircraft__rcs=rcs,
-        uncertainty={
-            "aircraft": {"position_m": 10 * km / 3, "attitude_deg": 2},
-            "radar": {"medium": {"position_m": 10 * km / 3, "constant": 5}},
-        },
+        **known_to(10 * km / 3, 2, position_m=10 * km / 3, constant=5),
         geometry__range_km=km,
         geometry__down_km=-km / 30,
         geometry__azimuth_deg={"start": 90, "stop": 90, "step": 2},

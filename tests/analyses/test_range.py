@@ -12,6 +12,7 @@ from helpers import (
     corridor,
     csv_text,
     document,
+    known_to,
     scenario,
     sheet_document,
     with_arrays,
@@ -32,13 +33,6 @@ from radar_sense.scenario_file.load import parse_scenario
 
 SPHERE = {"model": "constant", "rcs_m2": 0.09}
 QUICK = {"step_deg": 90.0}
-
-
-def known_to(metres=0, degrees=0, **of_radar):
-    """Keys of a scenario: standard deviations of the aircraft, and of the radar if not 0."""
-    aircraft = {"position_m": metres, "attitude_deg": degrees}
-    radar = {"a": {"position_m": 0, "constant": 0, **of_radar}}
-    return {"uncertainty": {"aircraft": aircraft, "radar": radar}, "analysis": {"level": "a"}}
 
 
 def swerling1(folder=None, mask_deg=None, beam="", **changes):

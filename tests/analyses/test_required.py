@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import CONFIGS, required, scenario
+from helpers import CONFIGS, known_to, required, scenario
 from scipy.constants import Boltzmann
 from scipy.optimize import brentq
 from scipy.special import ndtr
@@ -141,11 +141,8 @@ def test_a_factor_is_that_of_the_flight_whatever_its_steps(step):
             "attitude_deg": [0, 0, 0],
         },
         geometry={**orbit, "azimuth_deg": {"start": 1.25, "stop": 21.25, "step": step}},
-        uncertainty={
-            "aircraft": {"position_m": 10, "attitude_deg": 0.01},
-            "radar": {"a": {"position_m": 10, "constant": 8}},
-        },
-        analysis={"level": "a", "method": "linear"},
+        **known_to(10, 0.01, position_m=10, constant=8),
+        analysis__method="linear",
     )
     found = rs.analyses.budget(s, threshold=0.5).summary["threshold"]["required_accuracy"]
     assert 0.985 * 3.037 < found["all"]["factor"] < 3.037 + 0.01  # that draws are sure of

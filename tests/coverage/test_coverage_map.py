@@ -8,7 +8,17 @@ import re
 import numpy as np
 import pytest
 from earth import flight
-from helpers import CONFIGS, corridor, csv_text, document, lay_out, scenario, with_arrays, yaml_text
+from helpers import (
+    CONFIGS,
+    corridor,
+    csv_text,
+    document,
+    known_to,
+    lay_out,
+    scenario,
+    with_arrays,
+    yaml_text,
+)
 from matplotlib.collections import LineCollection
 from scipy.optimize import brentq
 
@@ -479,11 +489,7 @@ def test_a_limit_that_errors_may_cross_does_not_lower_the_bound(limits):
     s = scenario(
         radar={"position_m": [0, 0, 0], "p_fa": 1e-6, "constant": 50, **limits},
         aircraft__rcs={"model": "constant", "rcs_m2": 1.0},
-        uncertainty={
-            "aircraft": {"position_m": 1000, "attitude_deg": 1},
-            "radar": {"s": {"position_m": 10, "constant": 1}},
-        },
-        analysis={"level": "s", "method": "automatic"},
+        **known_to(1000, 1, position_m=10, constant=1),
     )
     result = coverage_map(s, upper=True, step_km=1, north_km=(38, 50), east_km=(-5, 5))
     shown = result.table["upper_3sigma"].ravel()
@@ -508,11 +514,7 @@ def test_a_bound_that_is_shown_is_judged_where_the_moments_have_no_value():
             "attitude_deg": [1.6, -8.2, 142.5],
         },
         radar={"position_m": [0, 0, 0], "p_fa": 1e-6, "constant": 5e-3, "detector": "swerling3"},
-        uncertainty={
-            "aircraft": {"position_m": 600, "attitude_deg": [0.3, 0.6, 4.4], "rcs_db": 2.4},
-            "radar": {"s": {"position_m": 10, "constant": 1e-3}},
-        },
-        analysis={"level": "s", "method": "automatic"},
+        **known_to(600, [0.3, 0.6, 4.4], rcs_db=2.4, position_m=10, constant=1e-3),
     )
     result = coverage_map(s, upper=True, north_km=(30, 70), east_km=(30, 70), step_km=5)
     shown = result.table["upper_3sigma"].ravel()

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import scenario, with_arrays
+from helpers import known_to, scenario, with_arrays
 
 from radar_sense import cost
 from radar_sense.axis import azimuth
@@ -131,11 +131,7 @@ def test_a_bound_where_the_tail_is_steep_is_not_biased(monkeypatch):
         geometry__range_km=450,
         geometry__down_km=-6,
         geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
-        uncertainty={
-            "aircraft": {"position_m": 40, "attitude_deg": 9, "rcs_db": 3},
-            "radar": {"s": {"position_m": 500, "constant": 5}},
-        },
-        analysis={"level": "s"},
+        **known_to(40, 9, rcs_db=3, position_m=500, constant=5),
     )
     monkeypatch.setattr(adaptive, "MOST_DRAWS", 2**18)
     v = validate(s, method="automatic")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, dashes, lay_out, legend_off_data, scenario
+from helpers import OVERHEAD, dashes, known_to, lay_out, legend_off_data, scenario
 
 from radar_sense.analyses.convergence import convergence
 from radar_sense.montecarlo.convergence import (
@@ -28,13 +28,6 @@ WEAK = {
     "radar__constant": 4e-5,
     "uncertainty__radar": {"only": {"position_m": 1, "constant": 2e-6}},
     "analysis": {"level": "only"},
-}
-NOTHING = {
-    "uncertainty": {
-        "aircraft": {"position_m": 0, "attitude_deg": 0},
-        "radar": {"none": {"position_m": 0, "constant": 0}},
-    },
-    "analysis": {"level": "none"},
 }
 
 
@@ -159,7 +152,7 @@ def test_too_few_runs_show_no_rate():
 
 def test_without_uncertainty_all_errors_are_nan():
     """The figure then has no logarithmic errors, which cannot show 0."""
-    result = convergence(scenario(**NOTHING), runs=64)
+    result = convergence(scenario(**known_to()), runs=64)
     assert all(np.isnan(v).all() for name, v in result.table.items() if name != "runs")
     text = "sigma of P_D, the unit of the errors, is zero in the draws at all 13 poses [sigma-zero]"
     assert result.warnings == (text,)
@@ -182,8 +175,7 @@ def test_a_pose_whose_sigma_few_draws_know_is_no_unit():
         },
         radar__constant=1.0,
         radar__max_range_km=100,
-        uncertainty__aircraft={"position_m": 130, "attitude_deg": 1},
-        uncertainty__radar={"medium": {"position_m": 0, "constant": 0}},
+        **known_to(130, 1),
     )  # fmt: skip
     result = convergence(s, runs=512)
     (warned,) = (text for text in result.warnings if text.endswith("[reference-imprecise]"))

@@ -9,7 +9,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 import chain_rule
 import numpy as np
 import pytest
-from helpers import p_d_each, scenario, single
+from helpers import known_to, p_d_each, scenario, single
 from scipy.special import ndtr, ndtri
 from scipy.stats import binom
 
@@ -37,21 +37,12 @@ def p_d(scenario, aircraft, radar):
     return chain_rule.p_d(aircraft, radar, rcs, single(scenario).p_fa)
 
 
-def only(attitude_deg=0, constant=0, **changes):
-    """Scenario in which the attitude or the radar constant alone is uncertain."""
-    uncertainty = {
-        "aircraft": {"position_m": 0, "attitude_deg": attitude_deg},
-        "radar": {"only": {"position_m": 0, "constant": constant}},
-    }
-    return scenario(uncertainty=uncertainty, analysis={"level": "only"}, **changes)
-
-
 def only_radar_constant(std=5.0, **changes):
-    return only(constant=std, **changes)
+    return scenario(**known_to(constant=std), **changes)
 
 
 def only_yaw(**changes):
-    return only([0, 0, 1], **changes)
+    return scenario(**known_to(0, [0, 0, 1]), **changes)
 
 
 def moments_by_integral(function):

@@ -23,6 +23,7 @@ from helpers import (
     document,
     few_draws,
     few_judging_draws,
+    known_to,
     scenario,
     without_pixels,
     yaml_text,
@@ -38,10 +39,6 @@ from radar_sense.scenario_file.load import parse_scenario
 command = import_module("radar_sense.analyses.report")
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 FEW = {"start": 30, "stop": 90, "step": 60}
-CERTAIN = {
-    "uncertainty__aircraft": {"position_m": 0, "attitude_deg": 0},
-    "uncertainty__radar__medium": {"position_m": 0, "constant": 0},
-}
 #: Without escapes this file name would be a tag.
 ROUTE = 'a <b onload="x">&amp;.csv'
 
@@ -371,7 +368,7 @@ def test_a_figure_that_cannot_be_drawn_leaves_nothing(tool, monkeypatch):
         (OVERHEAD, {"method": "form"}),
         (OVERHEAD, {"threshold": 0.5, "method": "linear"}),
         ({"radar__constant": 1e-9}, {"threshold": 0.5, "method": "linear"}),
-        (CERTAIN, {"method": "form"}),
+        (known_to(), {"method": "form"}),
     ],
     ids=["overhead", "overhead, a threshold", "at its floor", "certain"],
 )

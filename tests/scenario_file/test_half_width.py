@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import document, yaml_text
+from helpers import document, known_to, yaml_text
 from numpy.testing import assert_allclose
 from scenario_file.refused import refused
 from scipy.constants import Boltzmann
@@ -33,15 +33,13 @@ RANGES = {"start": 60, "stop": 160, "step": 25}
 
 def scenario(tolerances=TOLERANCES):
     """A tracking radar by its data sheet, of Swerling 1, with nothing else uncertain."""
-    level = {"position_m": 0, "constant": tolerances}
     radar = {"position_m": [0, 0, 0], "p_fa": 1e-6, "detector": "swerling1", "tracking": SHEET}
     content = document(
         radar=radar,
         aircraft={"rcs": {"model": "constant", "rcs_m2": 1}, "attitude_deg": [0, 0, 0]},
         geometry={"type": "radial", "range_km": RANGES, "azimuth_deg": 0, "down_km": -3},
-        uncertainty__aircraft={"position_m": 0, "attitude_deg": 0},
-        uncertainty__radar={"medium": level},
-        analysis={"level": "medium", "runs": 20_000},
+        **known_to(constant=tolerances),
+        analysis__runs=20_000,
     )
     return parse_scenario(yaml_text(content))
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers import CONFIGS, document, yaml_text
+from helpers import CONFIGS, document, known_to, yaml_text
 from numpy.testing import assert_allclose
 from routes import GEO, HEAD
 from scenario_file.refused import refused
@@ -25,9 +25,7 @@ def radial(changes=(), **geometry):
         radar={"position_m": [0, 0, 0], "p_fa": 1e-6, "constant": 100, "detector": "swerling1"},
         aircraft={"rcs": {"model": "constant", "rcs_m2": 0.1}, "attitude_deg": [0, 0, 0]},
         geometry=line,
-        uncertainty__aircraft={"position_m": 100, "attitude_deg": 1},
-        uncertainty__radar={"medium": {"position_m": 50, "constant": 5}},
-        analysis={"level": "medium"},
+        **known_to(100, 1, position_m=50, constant=5),
     )
     paths = {path.replace(".", "__"): value for path, value in dict(changes).items()}
     return parse_scenario(yaml_text(document(content, **paths)))
