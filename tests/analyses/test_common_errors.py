@@ -7,17 +7,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import (
-    document,
-    on_route,
-    place,
-    refusal,
-    scenario,
-    target_in_the_north,
-    with_arrays,
-    yaml_text,
-)
-from mission.plain import PlainMissions
+from helpers import document, place, refusal, scenario, target_in_the_north, with_arrays, yaml_text
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 from studies.bands import cases, truth
@@ -26,8 +16,6 @@ from studies.bands.model import Oracle
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.acceptance.requirement import Requirement
-from radar_sense.mission.looks import Looks
-from radar_sense.mission.recombined import recombined_missions
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import METHODS, distribution, propagate_scenario
@@ -206,34 +194,6 @@ def test_the_budget_of_a_network_has_the_attenuation_of_each_radar():
         if three > 0
     )
     assert sorted((three, share) for _, three, share in rows) == shown
-
-
-def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypatch):
-    """A flight past radars with two periods in turn."""
-    monkeypatch.setattr("radar_sense.mission.recombined.MAX_DRAWS", 2048)
-    places = [(0, 60e3, -40e3), (60, 55e3, 0), (120, 60e3, 40e3)]
-    content = network(rcs_db=DECIBELS)
-    content["uncertainty"]["aircraft_correlation_s"] = ".inf"
-    for radar, period in zip(content["radars"], (8, 12, 8), strict=True):
-        radar["scan_period_s"] = period
-    s = on_route(tmp_path, content, [(*place, -6e3, 0, 0, 90) for place in places])
-    plain = PlainMissions(content, (tmp_path / "route.csv").read_text(), 30_000, 1)
-    every = plain.events(1, 1)[0][-1]
-    std, ends = every.std(), np.quantile(every, TAILS)
-    found = recombined_missions(Looks.of(s), (2, 3))
-    assert len(found) == 4
-    bounds = found[0][0]
-    assert bounds.mean[-1] == pytest.approx(every.mean(), abs=0.03 * std)
-    assert bounds.std[-1] == pytest.approx(std, rel=0.04)
-    for value, error, end in (
-        (bounds.lower[-1], bounds.lower_se[-1], ends[0]),
-        (bounds.upper[-1], bounds.upper_se[-1], ends[1]),
-    ):
-        assert error < 0.03 * std + 0.002
-        assert value == pytest.approx(end, abs=4 * error + 0.15 * std)
-    plain = analyses.mission(s, runs=10_000).table
-    assert plain["mc_std"][-1] == pytest.approx(std, rel=0.04)
-    assert_allclose([plain["mc_lower"][-1], plain["mc_upper"][-1]], ends, atol=0.3 * std)
 
 
 # The attenuation alone.

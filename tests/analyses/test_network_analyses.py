@@ -8,10 +8,12 @@ import yaml
 from helpers import (
     CONFIGS,
     cov_by_level,
+    few_draws,
     network_document,
     paper_network,
     parsed_network,
     radar_entry,
+    read_record,
     write,
     yaml_text,
 )
@@ -85,22 +87,36 @@ analysis: {level: s}
 # Commands.
 
 
-def test_a_list_of_one_radar_is_that_radar_bit_for_bit(tool):
-    content = yaml.safe_load((CONFIGS / "s_band_surveillance.yaml").read_text())
-    content["geometry"]["azimuth_deg"]["step"] = 30
+@pytest.mark.parametrize(
+    ("config", "lines"),
+    [
+        ("s_band_surveillance", ["variance --method form", "budget", "montecarlo --runs 64"]),
+        ("mission", ["mission --m 3 --n 4 --runs 64"]),
+    ],
+)
+def test_a_list_of_one_radar_is_that_radar_bit_for_bit(tool, monkeypatch, config, lines):
+    few_draws(monkeypatch)
+    content = yaml.safe_load((CONFIGS / f"{config}.yaml").read_text())
+    if config == "mission":
+        content["geometry"]["file"] = str(CONFIGS / content["geometry"]["file"])
+    else:
+        content["geometry"]["azimuth_deg"]["step"] = 30
     write(yaml_text(content), "single.yaml")
     of_radar = content["uncertainty"].pop("radar")
     content["radars"] = [{"name": "one", **content.pop("radar"), "uncertainty": of_radar}]
     write(yaml_text(content))
-    for line in ("variance --method form", "budget", "montecarlo --runs 64"):
-        tables = []
+    for line in lines:
+        found = []
         for file in ("my.yaml", "single.yaml"):
-            code, _, err = tool(*line.split(), file, "--no-plot", "--out", file[0])
+            code, out, err = tool(*line.split(), file, "--no-plot", "--out", file[0])
             assert code == 0, err
             (table,) = Path(file[0]).glob("*.csv")
-            tables.append(table.read_bytes())
+            words = out.partition(f"{file[0]}/")[0]
+            found.append((table.read_bytes(), words, read_record(table.with_suffix(".json"))))
             table.unlink()
-        assert tables[0] == tables[1], line
+        one, other = found
+        assert one[:2] == other[:2], line
+        assert one[2]["summary"] == other[2]["summary"], line
 
 
 NETWORK = network_document(

@@ -38,7 +38,7 @@ SHEET = {
 }
 
 
-def mission_document(names, tau, pose=800, *, every=None, weaker=1.0, **changes):
+def mission_document(names, tau, pose=800, *, every=None, weaker=1.0, rcs_db=0, **changes):
     """Return a document, with another period of all radars and weaker ones if wanted."""
     content = document(
         geometry={"type": "path", "file": "route.csv"}, name="flight", analysis={"level": "one"}
@@ -46,7 +46,7 @@ def mission_document(names, tau, pose=800, *, every=None, weaker=1.0, **changes)
     del content["aircraft"]["attitude_deg"], content["radar"]
     content["aircraft"]["rcs"] = {"model": "constant", "rcs_m2": SIGMA}
     content["uncertainty"] = {
-        "aircraft": {"position_m": pose, "attitude_deg": 1},
+        "aircraft": {"position_m": pose, "attitude_deg": 1, "rcs_db": rcs_db},
         "aircraft_correlation_s": tau if math.isfinite(tau) else ".inf",
     }
     content["radars"] = []
@@ -79,6 +79,8 @@ def drawn_interval(rows, level, errors=3):
     [(["one"], 0.0, 800, {}),
      (["one", "three"], math.inf, 5000, {}),
      (["one", "two", "three"], 60.0, 800, {}),
+     # one error of the RCS for all radars and looks
+     (["one", "two"], 60.0, 800, {"rcs_db": 1.5}),
      # by each of many looks: the bounds rise within a look or two
      (["one", "three"], 0.0, 800, {"every": 2, "weaker": 0.5})],
 )  # fmt: skip

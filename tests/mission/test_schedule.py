@@ -112,12 +112,12 @@ def test_p_d_cumulative_p_d_and_tracks_at_the_nominal_states(tmp_path, periods):
 
 
 @pytest.mark.parametrize(
-    ("periods", "tau"),
-    [({"far": 5}, 25.0), (CASES[0], 0.0), (CASES[1], 25.0), (CASES[2], math.inf)],
+    ("periods", "tau", "rcs_db"),
+    [({"far": 5}, 25.0, 0), (CASES[0], 0.0, 0), (CASES[1], 25.0, 0), (CASES[2], math.inf, 1.5)],
 )
-def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
-    runs = 4000
-    found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs).table
+def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau, rcs_db):
+    runs, aircraft = 4000, {"uncertainty__aircraft": {"rcs_db": rcs_db}}
+    found = mission(load(tmp_path, periods, tau, **aircraft), m_of_n=(2, 3), runs=runs).table
     exact = plain(tmp_path, runs, 11)
     for column, drawn in zip(("", "track_"), exact.events(2, 3), strict=True):
         mean, std = drawn.mean(axis=1), drawn.std(axis=1)
@@ -131,23 +131,6 @@ def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
         for end, level in (("lower", 0.00135), ("upper", 0.99865)):
             quantile = np.quantile(drawn, level, axis=1)
             assert np.max(abs(found[f"{column}mc_{end}"] - quantile)) < 0.9 * std.max()
-
-
-def test_a_network_of_one_is_the_single_radar(tmp_path):
-    options = {"m_of_n": (3, 4), "runs": 500}
-    network = mission(load(tmp_path, {"hill": 6}, 20.0), **options)
-    content = yaml.safe_load((tmp_path / "my.yaml").read_text())
-    (one,) = content.pop("radars")
-    content["uncertainty"]["radar"] = one.pop("uncertainty")
-    del one["name"], one["horizon"]  # all looks are within the horizon
-    content["radar"] = one
-    (tmp_path / "single.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-    single = mission(rs.load_scenario(tmp_path / "single.yaml"), **options)
-    assert list(network.table) == list(single.table)
-    for column, values in single.table.items():
-        assert network.table[column].tobytes() == values.tobytes(), column
-    assert network.summary == single.summary
-    assert network.report == single.report
 
 
 def test_times_that_differ_by_rounding_are_one(tmp_path):

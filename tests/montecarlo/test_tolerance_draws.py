@@ -7,12 +7,9 @@ import pytest
 from helpers import (
     MIXED_DOWN,
     MIXED_RANGE,
-    few_draws,
-    mission,
     mixed_document,
     mixed_network,
     mixed_radars,
-    on_route,
     part_shares,
     yaml_text,
 )
@@ -58,21 +55,6 @@ def test_a_network_against_plain_draws(azimuth):
     # the band for Gaussian constants is another one
     linear = propagate_scenario(s, method="linear")
     assert max(abs(linear.lower[0] - ends[0]), abs(linear.upper[0] - ends[1])) > 2 * near
-
-
-def test_a_mission_draws_the_constants_as_their_parts_make_them(tmp_path, monkeypatch):
-    few_draws(monkeypatch)  # of the bounds, which are not compared
-    rows = (0, 60e3, 35e3, -3000, 0, 0, 0), (10, 60e3, 34e3, -3000, 0, 0, 0)
-    s = on_route(tmp_path, mixed_document(mixed_radars(scan_period_s=100)), rows)
-    found = mission(s, runs=20_000)
-    expected = monte_carlo(s.at_poses(slice(1)), runs=20_000, seed=5)
-    assert 0.1 < expected.mean[0] < 0.9
-    assert found.table["mc_mean"] == pytest.approx(expected.mean, abs=5 * expected.std[0] / 100)
-    assert found.table["mc_std"] == pytest.approx(expected.std, rel=0.03)
-    end = 0.2 * expected.std[0]
-    assert found.table["mc_lower"] == pytest.approx(expected.lower, abs=end)
-    assert found.table["mc_upper"] == pytest.approx(expected.upper, abs=end)
-    assert [w[:2] for w in found.warnings if "log-normal" in w] == []
 
 
 #: A place known better across than along; its eigenvectors are not in the order of its axes.
