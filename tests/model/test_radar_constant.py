@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers import SURVEILLANCE, sheet_document, sheet_scenario, yaml_text
+from helpers import SURVEILLANCE, sheet_scenario
 from mpmath import mp, mpf
 from scipy.integrate import quad
 
@@ -18,9 +18,6 @@ from radar_sense.model.radar_constant import (
     relative_std,
 )
 from radar_sense.model.radar_equation import SEARCH_FACTORS, SurveillanceRadar
-from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.propagation import propagate_scenario
-from radar_sense.scenario_file.load import parse_scenario
 
 #: Every key of the two kinds, by parameter: its formula in SI, in mpmath.
 SAME, DECIBELS = (lambda v: v), (lambda v: mpf(10) ** (v / 10))
@@ -174,34 +171,3 @@ def test_a_divisor_never_comes_near_zero():
         std = wider * 300 * MAX_DIVISOR_STD
         part = Tolerance("temperature_k", 300, std, -1, decibels=False)
         assert part.factor(np.array([-100.0, -5.0])).tolist() == pytest.approx([1 / lowest] * 2)
-
-
-@pytest.mark.parametrize("sampler", ["random", "sobol"])
-def test_monte_carlo_draws_the_true_distribution(sampler):
-    """P_D far from any pose's edge, with nothing uncertain but c_r: E and σ by quadrature."""
-    d = sheet_document(tolerances={"loss_db": 1.0}, steps={"start": 40, "stop": 40, "step": 1})
-    d["uncertainty"]["aircraft"] = {"position_m": 0, "attitude_deg": 0}
-    d["uncertainty"]["radar"]["sheet"]["position_m"] = 0
-    s = parse_scenario(yaml_text(d))
-    u = np.linspace(-8, 8, 4001)
-    weight = np.exp(-u * u / 2)
-    weight /= weight.sum()
-    states = np.broadcast_to(s.radar, (len(u), 4)).copy()
-    states[:, 3] *= 10 ** (-u / 10)
-    p_d = s.model.p_d(s.aircraft[0], states)
-    mean = np.sum(weight * p_d)
-    std = math.sqrt(np.sum(weight * (p_d - mean) ** 2))
-    mc = monte_carlo(s, runs=2**15, sampler=sampler)
-    within = 4.5 / math.sqrt(2**15) if sampler == "random" else 2e-3
-    assert mc.mean[0] == pytest.approx(mean, abs=within * std)
-    assert mc.std[0] == pytest.approx(std, rel=within)
-    # in one dimension, P_D at the quantiles of the loss, but for the tolerance of the search
-    form = propagate_scenario(s, method="form")
-    lower, upper = (
-        s.model.p_d(s.aircraft[0], [*s.radar[:3], s.radar[3] * 10 ** (side * 0.3)])
-        for side in (-1, 1)
-    )
-    assert form.lower[0] == pytest.approx(lower, rel=1e-3)
-    assert form.upper[0] == pytest.approx(upper, rel=1e-3)
-    assert form.std[0] == pytest.approx(std, rel=2e-3)
-    assert form.mean[0] == pytest.approx(mean, rel=1e-3)
