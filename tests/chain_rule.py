@@ -74,14 +74,19 @@ def ellipsoid_denominator(a, b, c, lam, phi):
     )
 
 
-def p_d(aircraft, radar, rcs, p_fa):
-    """P_D (m) of eq. (1), without partials."""
-    (roll, pitch, yaw), _ = elementary_turns(aircraft)
-    line = radar[:, :3] - aircraft[:, :3]
-    x, y, z = np.einsum("mij,mj->im", roll @ pitch @ yaw, line)
-    sigma = cross_section(rcs, np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
-    snr = radar[:, 3] * sigma / (BOLTZMANN * np.sum(line**2, axis=1) ** 2)
+def north(snr, p_fa):
+    """P_D of eq. (1)."""
     return 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
+
+
+def p_d(aircraft, radar, rcs, p_fa, matrices=None):
+    """P_D (m), without partials. Tests put misprinted matrices (m, 3, 3) in the place of R_n^b."""
+    (roll, pitch, yaw), _ = elementary_turns(aircraft)
+    matrices = roll @ pitch @ yaw if matrices is None else matrices
+    line = radar[:, :3] - aircraft[:, :3]
+    x, y, z = np.einsum("mij,mj->im", matrices, line)
+    sigma = cross_section(rcs, np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
+    return north(radar[:, 3] * sigma / (BOLTZMANN * np.sum(line**2, axis=1) ** 2), p_fa)
 
 
 def linearize(aircraft, radar, rcs, p_fa, rcs_partials=cross_section_partials):
@@ -120,7 +125,7 @@ def linearize(aircraft, radar, rcs, p_fa, rcs_partials=cross_section_partials):
     # eq. (3) and eq. (1)
     distance = np.sqrt(np.sum((aircraft[:, :3] - position) ** 2, axis=1))
     snr = constant * sigma / (BOLTZMANN * distance**4)
-    p_d = 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
+    p_d = north(snr, p_fa)
 
     # A_Pr as printed; A_Pa has the same partials by position, with the other sign
     slope = np.exp(-((np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5)) ** 2))

@@ -5,6 +5,7 @@ import itertools
 import math
 import pickle
 
+import chain_rule
 import numpy as np
 import pytest
 from helpers import csv_text, document, scenario, slopes, yaml_text
@@ -13,7 +14,6 @@ from routes import GEO
 from scenario_file.earth import to_ned
 from scipy.constants import Boltzmann
 from scipy.interpolate import PchipInterpolator
-from scipy.special import erfc
 from scipy.stats import norm
 
 import radar_sense as rs
@@ -69,7 +69,7 @@ def p_d_at(place, *, constant=C_R, tilt_deg=0.0, gain=GAIN):
     level = math.hypot(north, east)
     decibels = cubic(math.degrees(math.atan2(-down, level)) - tilt_deg, gain)
     snr = constant * AREA / (Boltzmann * (level**2 + down**2) ** 2) * 10 ** (2 * decibels / 10)
-    return 0.5 * erfc(math.sqrt(-math.log(P_FA)) - math.sqrt(snr + 0.5))
+    return chain_rule.north(snr, P_FA)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 1.5])
@@ -417,7 +417,7 @@ def own_draws(scenario, rng, runs):
         decibels = curve(elevation - tilt, gain.elevation, gain.gain_db)
         snr = np.maximum(state[:, 3], 0) * AREA / (Boltzmann * (across**2 + down**2) ** 2)
         snr = snr * 10 ** (2 * decibels / 10)
-        p_d = 0.5 * erfc(math.sqrt(-math.log(P_FA)) - np.sqrt(snr + 0.5))
+        p_d = chain_rule.north(snr, P_FA)
         if radar.mask is not None:
             low = np.interp(
                 np.arctan2(east, north), radar.mask.azimuth, radar.mask.elevation, period=2 * np.pi

@@ -2,13 +2,13 @@
 
 import math
 
+import chain_rule
 import numpy as np
 import pytest
 import yaml
 from helpers import csv_text, on_route, stds_of, yaml_text
 from numpy.testing import assert_allclose
 from scipy.constants import Boltzmann, speed_of_light
-from scipy.special import erfc
 
 import radar_sense as rs
 from radar_sense.propagation import propagate_scenario
@@ -58,7 +58,7 @@ def p_d(area, decibels):
     losses = SHEET["losses_db"]["lines"] + SHEET["noise_figure_db"]
     noise = Boltzmann * SHEET["temperature_k"] * (4 * np.pi) ** 3 * DISTANCE**4
     snr = energy / noise * 10 ** ((decibels - losses) / 10)
-    return 0.5 * erfc(math.sqrt(-math.log(P_FA)) - np.sqrt(snr + 0.5))
+    return chain_rule.north(snr, P_FA)
 
 
 def fused(bands, *, together=True, runs=400_000, seed=3):

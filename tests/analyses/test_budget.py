@@ -2,6 +2,7 @@
 
 import re
 
+import chain_rule
 import numpy as np
 import pytest
 import yaml
@@ -17,7 +18,6 @@ from helpers import (
     yaml_text,
 )
 from scipy.constants import Boltzmann
-from scipy.special import erfc
 from scipy.stats import norm
 
 import radar_sense as rs
@@ -313,8 +313,7 @@ def three_sigma_at_a_limit(near, edge, aircraft, runs=100_000):
         radar = np.array([0, 0, -20]) + std * factor * rng.standard_normal((runs, 3))
         c_r = np.maximum(constant + std_constant * factor * rng.standard_normal(runs), 0)
         distance = np.linalg.norm(at - radar, axis=1)
-        snr = c_r / (Boltzmann * distance**4)
-        p_d = 0.5 * erfc(np.sqrt(-np.log(1e-6)) - np.sqrt(snr + 0.5))
+        p_d = chain_rule.north(c_r / (Boltzmann * distance**4), 1e-6)
         missed = missed * (1 - np.where(distance <= limit, p_d, 0))
     return 3 * np.std(missed)
 

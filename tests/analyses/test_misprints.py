@@ -10,7 +10,6 @@ import numpy as np
 import oracle
 import pytest
 from scipy.spatial.transform import Rotation
-from scipy.special import erfc
 
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.geometry import body_vector, orbit, slant_range
@@ -262,16 +261,8 @@ def test_arctangent_of_a_quotient_cannot_tell_nose_from_tail():
 
 def there(aircraft, radar, shape, p_fa):
     """P_D (n,) with the printed matrix, of aircraft (n, 6) and radars (n, 4)."""
-    a, b, c = shape
-    line = radar[:, :3] - aircraft[:, :3]
     matrices = np.array([printed_matrix(*angles) for angles in aircraft[:, 3:]])
-    x, y, z = np.einsum("nij,nj->in", matrices, line)
-    azimuth, elevation = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
-    sides = (a * np.sin(azimuth) * np.cos(elevation)) ** 2
-    sides += (b * np.sin(azimuth) * np.sin(elevation)) ** 2 + (c * np.cos(azimuth)) ** 2
-    sigma = np.pi * (a * b * c) ** 2 / sides**2
-    snr = radar[:, 3] * sigma / (chain_rule.BOLTZMANN * np.sum(line**2, axis=1) ** 2)
-    return 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
+    return chain_rule.p_d(aircraft, radar, ("ellipsoid", *shape), p_fa, matrices)
 
 
 def random_poses(count, steepest):

@@ -1,11 +1,11 @@
 """Propagation through networks: shared errors, and constants drawn below zero."""
 
+import chain_rule
 import numpy as np
 import pytest
 from helpers import cov_by_level, p_d_each, paper_network, with_arrays
 from numpy.testing import assert_allclose
 from scipy.constants import Boltzmann
-from scipy.special import erfc
 
 from radar_sense.covariance import variance_along
 from radar_sense.model.rcs import EllipsoidRCS
@@ -21,8 +21,7 @@ RCS = EllipsoidRCS(0.15, 0.13, 0.21)
 
 
 def north(constant, sigma_over_r4, p_fa=1.7e-4):
-    snr = np.maximum(constant, 0) * sigma_over_r4 / Boltzmann
-    return 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
+    return chain_rule.north(np.maximum(constant, 0) * sigma_over_r4 / Boltzmann, p_fa)
 
 
 @pytest.mark.parametrize("std", [5.0, 20.0])
