@@ -3,8 +3,6 @@
 One factor of the RCS holds for all radars and all looks. Each radar has an attenuation of its own.
 """
 
-import dataclasses
-
 import numpy as np
 import pytest
 from helpers import document, place, refusal, scenario, target_in_the_north, with_arrays, yaml_text
@@ -197,21 +195,6 @@ def test_the_budget_of_a_network_has_the_attenuation_of_each_radar():
 
 
 # The attenuation alone.
-
-
-def test_the_signal_is_that_of_the_formula():
-    """`test_antenna` compares its partials with differences, together with other factors."""
-    rng, plain = np.random.default_rng(18), rs.DetectionModel(ConstantRCS(0.1), 1e-6)
-    model = dataclasses.replace(plain, factors=(rs.Attenuation(2e-5),))  # 0.02 dB/km
-    aircraft, radar = rng.uniform(-2e5, 2e5, (60, 6)), rng.uniform(1, 300, (60, 4))
-    distance = np.linalg.norm(aircraft[:, :3] - radar[:, :3], axis=1) / 1e3
-    errors = rng.uniform(-2, 2, (60, 3))
-    for own, alpha in (
-        (radar, 0.02),
-        (np.hstack([radar, errors]), 0.02 * np.exp(errors[:, 1])),
-    ):
-        expected = plain.snr(aircraft, own) * 10 ** (-2 * alpha * distance / 10)
-        assert_allclose(model.snr(aircraft, own), expected, rtol=1e-12)
 
 
 def test_the_attenuation_is_read_and_read_back():
