@@ -476,6 +476,14 @@ def assert_same_scenario(found, expected):
         assert getattr(found, name) == getattr(expected, name), name
 
 
+def read_back(scenario):
+    """Insist that the record of a scenario is read as the same scenario, and return that one."""
+    again = parse_scenario(yaml_text(scenario.resolved()))
+    assert_same_scenario(again, scenario)
+    assert again.resolved() == scenario.resolved()
+    return again
+
+
 # Networks.
 
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import SURVEILLANCE, cov_by_level, document, scenario, single, yaml_text
+from helpers import SURVEILLANCE, cov_by_level, document, read_back, scenario, single, yaml_text
 from scenario_file.refused import refused
 
 import radar_sense as rs
@@ -34,8 +34,7 @@ def test_a_detector_is_read_and_recorded(given, expected):
     if isinstance(given, dict):
         given = {"pulses": 1, **given} if len(given) > 1 else given["model"]
     assert s.resolved()["radar"]["detector"] == given
-    again = parse_scenario(yaml_text(s.resolved()))
-    assert single(again).detector == expected
+    read_back(s)
 
 
 BAD = [

@@ -16,6 +16,7 @@ from helpers import (
     network_document,
     parsed_network,
     radar_entry,
+    read_back,
     write,
     yaml_text,
 )
@@ -141,9 +142,7 @@ def test_limits_of_a_single_radar_are_the_limits_of_a_network_of_one(limits, hid
     p_d = one.model.p_d(one.aircraft, one.radar)
     assert np.count_nonzero(p_d == 0) == hidden
     assert_array_equal(p_d, named.model.p_d(named.aircraft, named.radar))
-    again = rs.parse_scenario(yaml_text(one.resolved()))
-    assert_same_scenario(again, one)
-    assert again.resolved() == one.resolved()
+    read_back(one)
     assert one.resolved()["radar"].get("horizon", False) == limits.get("horizon", False)
 
 
@@ -165,8 +164,7 @@ PULSE = {"constant": None, "tracking": {**TRACKING, "pulse_width_us": 11}}
 def test_the_minimum_range_is_the_farther_of_two(limits, least):
     s = parsed_network(radar_entry("near", **PULSE, **limits), geometry=NEAR)
     assert s.model.radars[0].min_range == pytest.approx(least, rel=1e-15)
-    again = rs.parse_scenario(yaml_text(s.resolved()))
-    assert_same_scenario(again, s)
+    read_back(s)
     entry = s.resolved()["radars"][0]
     assert {key: entry.get(key, False) for key in limits} == limits
 
