@@ -159,12 +159,12 @@ def without_pixels(patch, then=lambda figure: figure):
     patch.setattr("radar_sense.plotting.render", lambda figure, kind: then(figure) and svg)
 
 
-def some_poses(patch, count=5):
-    """Let scenarios be read at some of their poses, about as many as `count`."""
+def some_poses(patch):
+    """Let scenarios be read at some five of their poses."""
 
     def few(path=None, changes=None):
         read = load_scenario(path, changes)
-        return read.at_poses(slice(0, None, max(1, len(read.axis) // (count - 1))))
+        return read.at_poses(slice(0, None, max(1, len(read.axis) // 4)))
 
     # the public name first, because it is looked up in the module that has it
     for name in ("radar_sense.load_scenario", "radar_sense.scenario_file.load.load_scenario"):
@@ -280,9 +280,9 @@ def one_line(tool: Callable, *args: object) -> str:
     return err
 
 
-def place(error: str, name: str = "my.yaml") -> tuple[int, str, str]:
-    """Split an error into line number, key path and message."""
-    match = re.fullmatch(rf"Error: {re.escape(name)}:(\d+): (?:([\w.\[\]-]+): )?(.*)", error)
+def place(error: str) -> tuple[int, str, str]:
+    """Split an error of `my.yaml` into line number, key path and message."""
+    match = re.fullmatch(r"Error: my\.yaml:(\d+): (?:([\w.\[\]-]+): )?(.*)", error)
     assert match, error
     return int(match[1]), match[2] or "", match[3]
 
@@ -487,14 +487,11 @@ def read_back(scenario):
 # Networks.
 
 
-def paper_network(
-    positions, constants, *, poses=slice(None, None, 60), attitude_deg=1.0, models=None, **limits
-):
+def paper_network(positions, constants, *, poses=slice(None, None, 60), attitude_deg=1.0, **limits):
     """The paper's aircraft seen by several radars, each with the paper's uncertainty."""
     paper = load_scenario()
     m = len(positions)
-    models = models or [single(paper)] * m
-    radars = tuple(Radar(model, f"r{i}", **limits) for i, model in enumerate(models))
+    radars = tuple(Radar(single(paper), f"r{i}", **limits) for i in range(m))
     cov_aircraft = paper.cov_aircraft.copy()
     cov_aircraft[3:, 3:] = np.eye(3) * np.radians(attitude_deg) ** 2
     return with_arrays(

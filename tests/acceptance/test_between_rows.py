@@ -129,9 +129,9 @@ def orbit(start, stop, step, rcs, *radars, attitude_deg=(0, 0, 0), std=10, folde
     return rs.parse_scenario(yaml_text(content), f"{folder}/gaps.yaml")
 
 
-def one(constant, std=0.0, **keys):
+def one(constant, **keys):
     """A radar at the origin."""
-    known = {"l": {"position_m": 1, "constant": std}}
+    known = {"l": {"position_m": 1, "constant": 0}}
     return {
         "position_m": [0, 0, 0],
         "p_fa": 1e-6,

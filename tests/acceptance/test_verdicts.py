@@ -63,9 +63,9 @@ def by_form(s):
     return band_of_scenario(s, method="form")
 
 
-def drawn_p_d(s, runs, seed=5):
+def drawn_p_d(s, runs):
     """P_D (runs, n) of Gaussian states with independent errors, one radar a run."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(5)
     pose = np.sqrt(np.diag(s.cov_aircraft))
     radar = s.radar + np.sqrt(np.diag(s.cov_radar)) * rng.standard_normal((runs, 4))
     radar[:, 3] = np.maximum(radar[:, 3], 0.0)

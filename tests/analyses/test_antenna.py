@@ -63,12 +63,12 @@ def cubic(x, nodes):
     return float(curve(x, *np.array(nodes, dtype=float).T))
 
 
-def p_d_at(place, *, constant=C_R, tilt_deg=0.0, gain=GAIN):
+def p_d_at(place, tilt_deg=0.0):
     """P_D at north, east, down of the aircraft, of a radar at the origin, by formulas."""
     north, east, down = place
     level = math.hypot(north, east)
-    decibels = cubic(math.degrees(math.atan2(-down, level)) - tilt_deg, gain)
-    snr = constant * AREA / (Boltzmann * (level**2 + down**2) ** 2) * 10 ** (2 * decibels / 10)
+    decibels = cubic(math.degrees(math.atan2(-down, level)) - tilt_deg, GAIN)
+    snr = C_R * AREA / (Boltzmann * (level**2 + down**2) ** 2) * 10 ** (2 * decibels / 10)
     return chain_rule.north(snr, P_FA)
 
 

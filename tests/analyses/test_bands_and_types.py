@@ -61,15 +61,12 @@ def p_d(area, decibels):
     return chain_rule.north(snr, P_FA)
 
 
-def fused(bands, *, together=True, runs=400_000, seed=3):
-    """Draws of P_D of a network, with errors of type and band that are shared, or not."""
-    rng = np.random.default_rng(seed)
+def fused(bands):
+    """Draws of P_D of a network, with errors of type and band that are shared."""
+    rng, runs = np.random.default_rng(3), 400_000
     of_type, missed = SHARED * rng.standard_normal(runs), 1.0
     of_band = {band: RCS_DB * rng.standard_normal(runs) for band in AREAS}
     for band in bands:
-        if not together:
-            of_type = SHARED * rng.standard_normal(runs)
-            of_band[band] = RCS_DB * rng.standard_normal(runs)
         error = of_type + of_band[band] + OWN * rng.standard_normal(runs)
         missed = missed * (1 - p_d(AREAS[band], error))
     return 1 - missed

@@ -302,9 +302,9 @@ def many_draws(monkeypatch):
     monkeypatch.setattr(module, "MANY", MANY)
 
 
-def three_sigma_at_a_limit(near, edge, aircraft, runs=100_000):
+def three_sigma_at_a_limit(near, edge, aircraft):
     """3 sigma of P_D of `AT_A_LIMIT`, with factors on the deviations, by plain draws."""
-    rng, missed = np.random.default_rng(7), 1.0
+    rng, runs, missed = np.random.default_rng(7), 100_000, 1.0
     at = np.array([151e3, 0, -3000]) + 10 * aircraft * rng.standard_normal((runs, 3))
     for constant, std, std_constant, limit, factor in (
         (0.08, 10, 0.0008, np.inf, near),

@@ -157,9 +157,9 @@ def test_ticks_of_azimuth(start, stop, wanted):
     assert inside.tolist() == pytest.approx(wanted)
 
 
-def many_radars(count=12):
-    """A network of radars around the aircraft, the last ones at its edges."""
-    angle = 2 * np.pi * np.arange(count) / count
+def many_radars():
+    """A network of 12 radars around the aircraft, the last ones at its edges."""
+    angle = 2 * np.pi * np.arange(12) / 12
     places = 250e3 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     alike = {"constant": 2.0, "uncertainty": {"low": {"position_m": 100, "constant": 0.1}}}
     radars = [

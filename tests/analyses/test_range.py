@@ -58,9 +58,9 @@ def swerling1(folder=None, mask_deg=None, beam="", **changes):
     return parse_scenario(text, f"{folder}/my.yaml" if folder else "scenario")
 
 
-def farthest(constant, p_d=0.5):
-    """Slant range of a P_D of `swerling1`, with the Boltzmann constant."""
-    snr = math.log(1e-6) / math.log(p_d) - 1.0
+def farthest(constant):
+    """Slant range of a P_D of 0.5 of `swerling1`, with the Boltzmann constant."""
+    snr = math.log(1e-6) / math.log(0.5) - 1.0
     return (constant / (1.380649e-23 * snr)) ** 0.25
 
 

@@ -67,10 +67,10 @@ def load(folder, *args, **options):
     return rs.load_scenario(folder / "my.yaml")
 
 
-def drawn_interval(rows, level, errors=3):
-    """Interval of the quantile of rows (K, runs), of some standard errors of the rank."""
+def drawn_interval(rows, level):
+    """Interval of the quantile of rows (K, runs), of three standard errors of the rank."""
     rows, rank = np.sort(rows, axis=1), level * rows.shape[1]
-    error = errors * math.sqrt(rows.shape[1] * level * (1 - level))
+    error = 3 * math.sqrt(rows.shape[1] * level * (1 - level))
     return [rows[:, int(np.clip(r, 0, rows.shape[1] - 1))] for r in (rank - error, rank + error)]
 
 

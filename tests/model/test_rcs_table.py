@@ -239,6 +239,8 @@ def test_bad_arrays_are_refused(arguments, words):
 
 
 A = ["azimuth_deg,rcs_m2"]
+#: A cut of 0.5 m².
+CUT = [*A, *(f"{a},0.5" for a in range(-180, 180, 30))]
 
 
 def flat(low, high, step=2):
@@ -249,10 +251,6 @@ def flat(low, high, step=2):
 
 def write(path, *rows):
     path.write_text("\n".join([*rows, ""]), encoding="utf-8")
-
-
-def full(step=30, start=-180, stop=180, value="0.5"):
-    return [f"{a},{value}" for a in range(start, stop, step)]
 
 
 #: The RCS of a scenario by a table.
@@ -277,7 +275,7 @@ def test_mirror_and_envelope_are_read(here):
     ],
 )
 def test_bad_entries_are_refused(here, entry, words):
-    write(here / "t.csv", *A, *full())
+    write(here / "t.csv", *CUT)
     with pytest.raises(rs.InputError, match=rf"^scenario:\d+: .*{words}"):
         scenario(aircraft__rcs={**ENTRY, **entry})
 
@@ -293,7 +291,7 @@ def test_a_table_that_the_geometry_leaves_is_refused(here):
     # Banked by 20 degrees the right wing's side of the orbit is too low.
     with pytest.raises(rs.InputError, match="covers -10 to 30 deg"):
         scenario(aircraft__rcs=ENTRY, aircraft__attitude_deg=[-20, 0, 90])
-    write(here / "t.csv", *A, *full())
+    write(here / "t.csv", *CUT)
     scenario(aircraft__rcs=ENTRY, geometry__down_km=-300)  # a cut is for all elevations
 
 

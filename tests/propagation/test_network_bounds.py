@@ -20,8 +20,8 @@ PAPER = load_scenario()
 RCS = EllipsoidRCS(0.15, 0.13, 0.21)
 
 
-def north(constant, sigma_over_r4, p_fa=1.7e-4):
-    return chain_rule.north(np.maximum(constant, 0) * sigma_over_r4 / Boltzmann, p_fa)
+def north(constant, sigma_over_r4):
+    return chain_rule.north(np.maximum(constant, 0) * sigma_over_r4 / Boltzmann, 1.7e-4)
 
 
 @pytest.mark.parametrize("std", [5.0, 20.0])

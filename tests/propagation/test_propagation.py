@@ -340,8 +340,8 @@ def test_without_uncertainty_every_deviation_is_zero(method):
             assert not unreliable(*states, method=method).any()
 
 
-def correlated(rng, std, rank=None):
-    root = rng.normal(size=(len(std), rank or len(std)))
+def correlated(rng, std):
+    root = rng.normal(size=(len(std), len(std)))
     root /= np.linalg.norm(root, axis=1, keepdims=True)
     return np.outer(std, std) * (root @ root.T)
 

@@ -53,11 +53,11 @@ def without(path: str) -> Lines:
     return [(p, v) for p, v in LINES if not is_within(p, path)]
 
 
-def replaced(changes: dict[str, str], lines: Lines = LINES) -> Lines:
+def replaced(changes: dict[str, str]) -> Lines:
     """Give keys other values, and remove the keys below them."""
     return [
         (p, changes.get(p, v))
-        for p, v in lines
+        for p, v in LINES
         if not any(p != top and is_within(p, top) for top in changes)
     ]
 

@@ -31,10 +31,10 @@ def radial(changes=(), **geometry):
     return parse_scenario(yaml_text(document(content, **paths)))
 
 
-def swerling(ranges_m, constant=100, rcs=0.1, p_fa=1e-6):
+def swerling(ranges_m):
     """P_D of Swerling 1 by hand: P_fa^(1/(1 + S)), S = c_r sigma/(k R^4)."""
-    snr = constant * rcs / (Boltzmann * ranges_m**4)
-    return p_fa ** (1 / (1 + snr)), snr
+    snr = 100 * 0.1 / (Boltzmann * ranges_m**4)
+    return 1e-6 ** (1 / (1 + snr)), snr
 
 
 @pytest.mark.parametrize(("origin", "direction"), [("east", (0.25, 0.75)), ("north", (0.75, 0.25))])

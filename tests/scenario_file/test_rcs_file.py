@@ -13,8 +13,8 @@ def write(path, *rows):
     return path
 
 
-def full(step=30, start=-180, stop=180, value="0.5"):
-    return [f"{a},{value}" for a in range(start, stop, step)]
+def full(step=30, start=-180, stop=180):
+    return [f"{a},0.5" for a in range(start, stop, step)]
 
 
 def test_units_and_order(here):

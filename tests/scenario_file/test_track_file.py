@@ -39,17 +39,17 @@ def gpx(points=POINTS, times=TIMES):
     return GPX.format("trk", "<name>a</name>" + "".join(segments))
 
 
-def opensky(points=POINTS, aircraft="4b1812", others=()):
+def opensky(others=()):
     lines = [
         "time,icao24,lat,lon,velocity,heading,vertrate,callsign,onground,alert,spi,squawk,"
         "baroaltitude,geoaltitude,lastposupdate,lastcontact"
     ]
-    for t, lat, lon, alt in points:
+    for t, lat, lon, alt in POINTS:
         for row in ((lat, lon, alt, t), (lat, lon, "", t), (lat, lon, alt, t), ("", "", alt, t)):
             *place, alt_, moment = row
             place = ",".join(map(str, place))
             lines.append(
-                f"{1.7e9 + t + 3},{aircraft},{place},90,45,0,SWR 1 ,False,False,False,1000,"
+                f"{1.7e9 + t + 3},4b1812,{place},90,45,0,SWR 1 ,False,False,False,1000,"
                 f"{alt - 40},{alt_},{1.7e9 + moment!r},{1.7e9 + t}"
             )
         lines += [f"{1.7e9},{other},47,8,,,,,,,,,,1000,{1.7e9}," for other in others]

@@ -68,14 +68,14 @@ def of_scenario(case, method):
     return [*found, values.std()]
 
 
-def calibrate(method, population, count, seed=SEED):
+def calibrate(method, population, count):
     """Return shares (count, bins) and (count, bounds + 1), and σ (count,) of random scenarios.
 
     Scenarios in which the method has no distribution are left out.
     """
     found = []
     for number in range(count):
-        rows = of_scenario(problem(population, seed, number), method)
+        rows = of_scenario(problem(population, SEED, number), method)
         if not any(np.isnan(row).any() for row in rows):
             found.append(rows)
     return tuple(np.array(rows) for rows in zip(*found, strict=True))

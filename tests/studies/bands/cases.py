@@ -134,13 +134,13 @@ def at_row(problem, row):
     return Oracle(replace(problem, aircraft=row))
 
 
-def anywhere(at, rows, problem, threshold, correlation_s, runs, seed=1):
+def anywhere(at, rows, problem, threshold, correlation_s, runs):
     """Return P(P_D > threshold) at any of some poses, and its standard error.
 
     The errors of the aircraft are a Gauss–Markov process along the path, and independent from pose
     to pose without a correlation time.
     """
-    rng, oracle = np.random.default_rng(seed), at_row(problem, rows[0])
+    rng, oracle = np.random.default_rng(1), at_row(problem, rows[0])
     above, error, spread = np.zeros(runs, dtype=bool), 0.0, root(problem.cov_aircraft)
     _, radars, rcs_error, attenuation = oracle.draw(rng, runs)
     for i, row in enumerate(rows):

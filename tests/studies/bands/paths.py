@@ -87,9 +87,9 @@ def along(time_s, aircraft, at):
     return states
 
 
-def sampled(problem, time_s, aircraft, step=STEP):
+def sampled(problem, time_s, aircraft):
     """Return times (k,) and P_D (k,) along a route, and P_D at its rows."""
-    at = np.linspace(time_s[0], time_s[-1], int(np.ceil((time_s[-1] - time_s[0]) / step)) + 1)
+    at = np.linspace(time_s[0], time_s[-1], int(np.ceil((time_s[-1] - time_s[0]) / STEP)) + 1)
     independent = Oracle(problem)
     radars = independent.nominal_radars[:, None]
     p_d = independent.p_d(along(time_s, aircraft, at).T, radars)
