@@ -96,10 +96,10 @@ def _parsed(text):
     return parse_scenario(text)
 
 
-def paper_aircraft(azimuth_deg):
+def paper_aircraft(azimuth_deg, azimuth_from="east"):
     """States (..., 6) on the paper's orbit: 500 km out, 3 km up, heading east."""
-    states = np.zeros((*np.shape(azimuth_deg), 6))
-    states[..., :3] = orbit(np.radians(azimuth_deg), radius=500e3, down=-3e3)
+    states, angle = np.zeros((*np.shape(azimuth_deg), 6)), np.radians(azimuth_deg)
+    states[..., :3] = orbit(angle, radius=500e3, down=-3e3, azimuth_from=azimuth_from)
     states[..., 5] = np.radians(90)
     return states
 
@@ -233,21 +233,6 @@ def legend_off_data(figure):
     for each in figure.axes:
         assert not box.overlaps(each.get_window_extent())
     return legend
-
-
-def target_in_the_north(area, *, runs=2**14, **aircraft):
-    """Document without radars: an aircraft 60 km north of the origin, with a constant RCS."""
-    content = document(
-        geometry__range_km=60,
-        geometry__down_km=-6,
-        geometry__azimuth_from="north",
-        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
-        aircraft__rcs={"model": "constant", "rcs_m2": area},
-        analysis={"level": "one", "runs": runs, "seed": 1},
-    )
-    content["uncertainty"] = {"aircraft": aircraft}
-    del content["radar"]
-    return content
 
 
 def single(scenario):

@@ -5,16 +5,7 @@ One factor of the RCS holds for all radars and all looks. Each radar has an atte
 
 import numpy as np
 import pytest
-from helpers import (
-    document,
-    place,
-    read_back,
-    refusal,
-    scenario,
-    target_in_the_north,
-    with_arrays,
-    yaml_text,
-)
+from helpers import document, place, read_back, refusal, scenario, with_arrays, yaml_text
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 from studies.bands import cases, truth
@@ -47,15 +38,22 @@ ATTENUATED = {
 NORTH = np.array([60e3, 0.0, -6e3, 0.0, 0.0, np.pi / 2])
 
 
-def network(names=tuple(RADARS), rcs_db=0.0, attenuation=None, **changes):
+def network(names=tuple(RADARS), rcs_db=0.0, attenuation=None):
     """Document of radars that see an aircraft 60 km north of the origin, with Swerling 1.
 
     The attenuation is None, "certain" or "uncertain".
     """
-    content = target_in_the_north(AREA, runs=2**13, position_m=POSE, attitude_deg=1)
-    if rcs_db:
-        content["uncertainty"]["aircraft"]["rcs_db"] = rcs_db
-    content["radars"] = []
+    content = document(
+        geometry__range_km=60,
+        geometry__down_km=-6,
+        geometry__azimuth_from="north",
+        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
+        aircraft__rcs={"model": "constant", "rcs_m2": AREA},
+        analysis={"level": "one", "runs": 2**13, "seed": 1},
+        uncertainty={"aircraft": {"position_m": POSE, "attitude_deg": 1, "rcs_db": rcs_db}},
+        radars=[],
+    )
+    del content["radar"]
     for name in names:
         at, std, (constant, std_constant) = RADARS[name]
         entry, level = {}, {}
@@ -67,9 +65,9 @@ def network(names=tuple(RADARS), rcs_db=0.0, attenuation=None, **changes):
         level = {"position_m": std, "constant": std_constant, **level}
         content["radars"].append({
             "name": name, "position_m": list(at), "constant": constant, "p_fa": P_FA, **entry,
-            "detector": "swerling1", "scan_period_s": 8, "uncertainty": {"one": level},
+            "detector": "swerling1", "uncertainty": {"one": level},
         })  # fmt: skip
-    return {**content, **changes}
+    return content
 
 
 def parsed(*args, **kwargs):

@@ -9,10 +9,11 @@ import chain_rule
 import numpy as np
 import oracle
 import pytest
+from helpers import paper_aircraft
 from scipy.spatial.transform import Rotation
 
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.geometry import body_vector, orbit, slant_range
+from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 
 A, B, C = 0.15, 0.13, 0.21
@@ -27,12 +28,6 @@ RADAR = np.array([0.0, 0.0, 0.0, 167.0 * RESCALED])
 DEGREE = np.radians(1.0)
 AIRCRAFT_STD = np.array([10.0] * 3 + [DEGREE] * 3)
 RADAR_STD = np.array([100.0] * 3 + [5.0 * RESCALED])
-
-
-def aircraft_at(azimuth_deg, azimuth_from="east"):
-    """States (6) on the paper's orbit, heading east."""
-    position = orbit(np.radians(azimuth_deg), radius=500e3, down=-3e3, azimuth_from=azimuth_from)
-    return np.array([*position, 0.0, 0.0, np.radians(90)])
 
 
 def three_sigma(jac_aircraft, jac_radar, aircraft_variances, radar_variances):
@@ -61,7 +56,7 @@ def test_printed_rotation_gives_another_p_d():
     """It is 0.971 in place of 0.272 for roll, pitch, yaw = 10°, 20°, 30°. In level flight to the
     east, as in the paper, λ is off by 180°, and an ellipsoid is the same from behind.
     """
-    for aircraft, p_d in ((turned_at_45(10, 20, 30), 0.272), (aircraft_at(45.0), 0.5939)):
+    for aircraft, p_d in ((turned_at_45(10, 20, 30), 0.272), (paper_aircraft(45.0), 0.5939)):
         printed = there(aircraft[np.newaxis], RADAR[np.newaxis], (A, B, C), P_FA)[0]
         assert MODEL.p_d(aircraft, RADAR) == pytest.approx(p_d, abs=0.0005)
         assert printed == pytest.approx(0.971 if p_d == 0.272 else p_d, abs=0.0005)
@@ -69,7 +64,7 @@ def test_printed_rotation_gives_another_p_d():
 
 
 def turned_at_45(*angles):
-    return np.concatenate([aircraft_at(45.0)[:3], np.radians(angles)])
+    return np.concatenate([paper_aircraft(45.0)[:3], np.radians(angles)])
 
 
 # κ and D under eq. (22).
@@ -128,7 +123,7 @@ def test_printed_rcs_slopes_are_not_those_of_the_rcs(printed, by_lam, by_phi):
 )
 def test_printed_rcs_slopes_give_another_deviation(rcs_partials, by_yaw, orientation, total):
     """The printed κ gives the yaw partial a wrong sign, and the printed D a wrong size."""
-    aircraft = aircraft_at(45.0)
+    aircraft = paper_aircraft(45.0)
     _, jac_aircraft, jac_radar = chain_rule.linearize(
         aircraft[np.newaxis], RADAR[np.newaxis], ("ellipsoid", A, B, C), P_FA, rcs_partials
     )
@@ -152,7 +147,7 @@ def test_covariances_printed_with_standard_deviations():
     """The text has "nearly 0.1": 0.0912 with σ² on the diagonal, 0.418 with the printed σ. The 1
     of Table I, read in radians, gives 3.15 for a probability.
     """
-    lin = MODEL.linearize(aircraft_at(45.0), RADAR)
+    lin = MODEL.linearize(paper_aircraft(45.0), RADAR)
     radians = np.where(np.arange(6) < 3, AIRCRAFT_STD, 1.0)
     for aircraft, radar, three in (
         (AIRCRAFT_STD**2, RADAR_STD**2, "0.0912"),
@@ -167,15 +162,15 @@ def test_covariances_printed_with_standard_deviations():
 
 def test_printed_azimuth_is_measured_from_east():
     """At θ_r = 0 the aircraft is due east of the radar; the paper's figure shows due north."""
-    np.testing.assert_allclose(aircraft_at(0.0)[:3], [0, 500e3, -3e3], atol=1e-9)
-    np.testing.assert_allclose(aircraft_at(0.0, "north")[:3], [500e3, 0, -3e3], atol=1e-9)
-    assert MODEL.p_d(aircraft_at(0.0), RADAR) == pytest.approx(0.2186, abs=0.00005)
-    assert MODEL.p_d(aircraft_at(0.0, "north"), RADAR) == pytest.approx(0.9881, abs=0.00005)
+    np.testing.assert_allclose(paper_aircraft(0.0)[:3], [0, 500e3, -3e3], atol=1e-9)
+    np.testing.assert_allclose(paper_aircraft(0.0, "north")[:3], [500e3, 0, -3e3], atol=1e-9)
+    assert MODEL.p_d(paper_aircraft(0.0), RADAR) == pytest.approx(0.2186, abs=0.00005)
+    assert MODEL.p_d(paper_aircraft(0.0, "north"), RADAR) == pytest.approx(0.9881, abs=0.00005)
 
 
 def test_range_is_the_horizontal_radius():
     """The slant range is 500.009 km. A range of 500 km would raise the signal by 7.2e-5."""
-    aircraft = aircraft_at(45.0)
+    aircraft = paper_aircraft(45.0)
     assert np.hypot(*aircraft[:2]) == pytest.approx(500e3, rel=1e-15)
     assert slant_range(aircraft, RADAR) == pytest.approx(500.009e3, abs=0.5)
     sigma = MODEL.rcs.cross_section(body_vector(aircraft, RADAR))
@@ -217,8 +212,8 @@ def test_axes_of_text_and_table_are_not_those_of_the_formula(
 ):
     """Only the axes of the formula give the paper's P_D from behind and at 45°."""
     model = DetectionModel(EllipsoidRCS(*AXES[whose]), P_FA)
-    assert model.p_d(aircraft_at(0.0), RADAR) == pytest.approx(p_d_at_0, abs=0.00005)
-    lin = model.linearize(aircraft_at(45.0), RADAR)
+    assert model.p_d(paper_aircraft(0.0), RADAR) == pytest.approx(p_d_at_0, abs=0.00005)
+    lin = model.linearize(paper_aircraft(45.0), RADAR)
     assert lin.p_d == pytest.approx(p_d_at_45, abs=0.000005)
     found = 3 * lin.std(np.diag(AIRCRAFT_STD**2), np.diag(RADAR_STD**2))
     assert found == pytest.approx(three_sigma_at_45, abs=0.00005)
@@ -229,7 +224,7 @@ def test_axes_of_text_and_table_are_not_those_of_the_formula(
 
 def test_boltzmanns_constant():
     """SI lowers the signal by 0.05 % and P_D at 45° from 0.5939 to 0.5935."""
-    aircraft, si = aircraft_at(45.0), np.array([0.0, 0.0, 0.0, 167.0])
+    aircraft, si = paper_aircraft(45.0), np.array([0.0, 0.0, 0.0, 167.0])
     assert MODEL.p_d(aircraft, RADAR) == pytest.approx(0.5939, abs=0.00005)
     assert MODEL.p_d(aircraft, si) == pytest.approx(0.5935, abs=0.00005)
     one = DetectionModel(ConstantRCS(1.0), P_FA).snr(np.zeros(6), [1e6, 0, 0, 1.0])
