@@ -7,7 +7,6 @@ from scipy.special import ndtr
 from test_between_rows import flight, radar
 
 from radar_sense import analyses
-from radar_sense.errors import InputError
 
 POSES = {"start": 30, "stop": 60, "step": 30}
 
@@ -135,13 +134,3 @@ def test_the_accuracy_to_first_order_is_in_closed_form():
     impossible = required["radar_position"]
     assert impossible["factor"] is None
     assert impossible["residual"] == pytest.approx(p_d - np.sqrt(total**2 - own**2), rel=1e-9)
-
-
-def test_options_that_exclude_each_other():
-    s = scenario(geometry__azimuth_deg=POSES)
-    with pytest.raises(InputError, match="'threshold' and 'at_least' exclude each other"):
-        analyses.variance(s, threshold=0.5, at_least=0.5)
-    with pytest.raises(InputError, match="'target' and 'at_least' exclude each other"):
-        analyses.budget(s, target=0.5, at_least=0.5)
-    with pytest.raises(InputError, match=r"at_least must be .* less than 1, got 1"):
-        analyses.variance(s, at_least=1)

@@ -39,6 +39,8 @@ REFUSED = {
     "budget --threshold 0.6 --probability 0.05 --k 2": "--k and --probability exclude each other",
     "budget --k 2": "--k needs --threshold",
     "budget --target 0.1 --threshold 0.5": "exclude each other; give one",
+    "budget --target 0.5 --at-least 0.5": "--target and --at-least exclude each other; give one",
+    "variance --at-least 1": "must be a number not less than 0.01 and less than 1, got '1'",
     "budget --method montecarlo --threshold 0.5": "--threshold needs one of the methods",
     "budget --method montecarlo --target 0.05": "--target needs one of the methods",
     "budget --threshold 0.5 --k 11": "not greater than 10",
