@@ -9,7 +9,6 @@ from helpers import (
     CONFIGS,
     cov_by_level,
     few_draws,
-    network_document,
     paper_network,
     parsed_network,
     radar_entry,
@@ -119,20 +118,13 @@ def test_a_list_of_one_radar_is_that_radar_bit_for_bit(tool, monkeypatch, config
         assert one[2]["summary"] == other[2]["summary"], line
 
 
-NETWORK = network_document(
-    radar_entry("east", position_m=[0, 2e5, -30], constant=20, max_range_km=600),
-    radar_entry("west", position_m=[0, -2e5, -30], constant=30, detector="swerling1"),
-)
-
-
-def test_the_map_of_a_network(tool):
-    write(yaml_text(NETWORK))
-    line = "map my.yaml --upper --method form --step-km 100 --no-plot --out out"
-    code, _, err = tool(*line.split(), *["--north-km", "-400", "400", "--east-km", "-700", "700"])
-    assert code == 0, err
-    with np.load("out/paper_map.npz") as file:
-        found = dict(file)
-    s = rs.parse_scenario(yaml_text(NETWORK))
+def test_the_map_of_a_network():
+    s = parsed_network(
+        radar_entry("east", position_m=[0, 2e5, -30], constant=20, max_range_km=600),
+        radar_entry("west", position_m=[0, -2e5, -30], constant=30, detector="swerling1"),
+    )
+    area = {"north_km": (-400, 400), "east_km": (-700, 700), "step_km": 100}
+    found = analyses.map(s, upper=True, method="form", **area).table
     states = np.tile(s.aircraft[0], (9, 15, 1))
     states[..., 0], states[..., 1] = found["north_m"][:, np.newaxis], found["east_m"]
     p_d = s.model.p_d(states, s.radar)
