@@ -210,6 +210,15 @@ def test_a_pooled_quantile_is_the_one_of_all_draws():
     np.testing.assert_allclose(constant, 0.25, rtol=1e-15)
 
 
+def test_a_tail_that_is_followed_in_time_is_that_of_each_time():
+    rng = np.random.default_rng(7)
+    share = rng.dirichlet(np.ones(3000))
+    steps = rng.exponential(size=(40, 3000)) * (rng.random((40, 3000)) < 0.01)  # few change
+    values = np.cumsum(np.vstack([rng.exponential(size=3000), steps]), axis=0)
+    alone = [upper_tails(row[np.newaxis], share, RANKS)[0] for row in values]
+    np.testing.assert_array_equal(upper_tails(values, share, RANKS), alone)
+
+
 @pytest.mark.parametrize("probability", [2e-4, 1e-3, 1.8e-3, 3e-3])
 def test_a_pooled_quantile_does_not_cross_a_jump(probability):
     """Most draws are 0, as where a radar rarely sees the aircraft: the quantile is a draw."""
