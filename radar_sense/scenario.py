@@ -23,6 +23,7 @@ from radar_sense.limits import (
     CORRELATION,
     MAX_NAME,
     METHODS,
+    MIN_RANGE,
     NAME,
     RADAR_NAME,
     RUNS,
@@ -33,6 +34,7 @@ from radar_sense.limits import (
     plain_number,
 )
 from radar_sense.model.geodesy import check_origin
+from radar_sense.model.geometry import slant_range
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.radar_constant import Tolerance
@@ -288,6 +290,17 @@ class Scenario:
     def p_d(self) -> FloatArray:
         """Return P_D of the nominal states (n,)."""
         return self.model.p_d(self.aircraft, self.radar)
+
+    def check_ranges(self, what: str = "") -> None:
+        """Raise InputError where the aircraft is on top of a radar: P_D has no value there."""
+        for radar in self.radar_states:
+            distance = slant_range(self.aircraft, radar)
+            nearest = int(np.argmin(distance))
+            if distance[nearest] < MIN_RANGE:
+                raise InputError(
+                    f"the aircraft is on top of the radar at {what}{self.axis.at(nearest)}, "
+                    f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
+                )
 
     def states(self) -> UncertainStates:
         """Return the uncertain states of all poses, at the level."""

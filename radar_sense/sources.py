@@ -162,13 +162,10 @@ class Budget:
 
     @cached_property
     def dominant(self) -> Contribution | None:
-        """The largest source at the pose; None of equals, or if one without a value may be it."""
+        """The largest source at the pose; None of equals, or if any has no value."""
         std = np.array([c.std[self.pose] for c in self.sources.values()])
-        unknown = self.total.std[self.pose] ** 2 - np.nansum(std**2)
-        top = np.nanmax(std, initial=0.0)
-        largest = np.flatnonzero(std >= (1.0 - TIE) * top)
-        is_largest = len(largest) == 1 and (np.isfinite(std).all() or top**2 > unknown)
-        return [*self.sources.values()][largest[0]] if is_largest else None
+        largest = np.flatnonzero(std >= (1.0 - TIE) * std.max())  # NaN is not the largest
+        return [*self.sources.values()][largest[0]] if len(largest) == 1 else None
 
     def interaction_is_noise(self, method: str) -> bool:
         """Return whether the interaction at the pose is within two standard errors, or rounding."""

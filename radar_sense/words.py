@@ -52,10 +52,12 @@ def placed(
 
 
 def peak(values: FloatArray, axis: Axis) -> dict[str, Any]:
-    """Return the largest value, and all places with this value."""
+    """Return the largest value, all places with this value, and how many have none, if any."""
     if not np.isfinite(values).any():
         return {"value": float("nan"), axis.key: []}
-    return {"value": float(np.nanmax(values)), axis.key: axis.values[reached(values)].tolist()}
+    found = {"value": float(np.nanmax(values)), axis.key: axis.values[reached(values)].tolist()}
+    without = int(np.count_nonzero(np.isnan(values)))
+    return {**found, "without_value": without} if without else found
 
 
 def trough(values: FloatArray, axis: Axis) -> dict[str, Any]:
@@ -73,14 +75,19 @@ def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
         place = f"{len(places)} {axis.places}"
     else:
         place = axis.in_words(listed(map(axis.number, places)))
-    return f"{probability(extreme['value'])} at {place}"
+    text = f"{probability(extreme['value'])} at {place}"
+    without = extreme.get("without_value", 0)
+    if without:
+        text += f" ({counted(without, axis.places.removesuffix('s'))} without a value)"
+    return text
 
 
 def describe_span(p_d: FloatArray, axis: Axis) -> str:
     """Describe the range of P_D (n,) in a sentence, by the digits that are shown."""
     low, high = trough(p_d, axis), peak(p_d, axis)
     if probability(low["value"]) != probability(high["value"]) or np.isnan(high["value"]):
-        return f"P_D runs from {describe_extreme(low, axis)} to {describe_extreme(high, axis)}"
+        least = describe_extreme({**low, "without_value": 0}, axis)  # the other end says it
+        return f"P_D runs from {least} to {describe_extreme(high, axis)}"
     if len(axis) == 1:
         return f"P_D is {describe_extreme(high, axis)}"
     known = "wherever it has a value"
@@ -280,11 +287,11 @@ def validity_warnings(
     axis, method = scenario.axis, scenario.method
     off = unreliable_in_scenario(scenario, moments, beta=k)
     outside = ((moments.lower < 0) | (moments.upper > 1)) & ~off
-    yield from _of_std(scenario, moments.std, off, remedy)
+    known = np.isfinite(moments.std + moments.lower + moments.upper)
+    yield from _of_std(scenario, moments.std, known, off, remedy)
     yield from placed("band-outside", outside, axis, f"the {method} {k:g}-sigma band leaves [0, 1]")
     far = f": a bound by over {BOUND_CHANGE:g} or a tenth of it, or sigma by over {STD_CHANGE:.0%}"
-    known = off & np.isfinite(moments.std)
-    yield from band_off(known, axis, method, f"{far}; {remedy}", f"{BOUND_CHANGE:g}")
+    yield from band_off(off & known, axis, method, f"{far}; {remedy}", f"{BOUND_CHANGE:g}")
 
 
 def band_off(
@@ -300,10 +307,10 @@ def band_off(
 
 def std_warnings(scenario: Scenario, std: FloatArray, off: NDArray[np.bool_]) -> Iterator[str]:
     """Yield where σ (n,) by the method is off, or has no value, of analyses that have no bounds."""
-    yield from _of_std(scenario, std, off, REMEDY)
-    why = f": by over {STD_CHANGE:.0%}; {REMEDY}"
-    known, what = off & np.isfinite(std), f"sigma by {scenario.method} is off"
-    yield from placed("sigma-off", known, scenario.axis, what, why)
+    known = np.isfinite(std)
+    yield from _of_std(scenario, std, known, off, REMEDY)
+    why, what = f": by over {STD_CHANGE:.0%}; {REMEDY}", f"sigma by {scenario.method} is off"
+    yield from placed("sigma-off", off & known, scenario.axis, what, why)
 
 
 def add_trust(result: Result, what: str = "", by_draws: int = 0) -> None:
@@ -320,13 +327,17 @@ def checked(scenario: Scenario, what: str = "", by_draws: int = 0) -> str:
 
 
 def _of_std(
-    scenario: Scenario, std: FloatArray, off: NDArray[np.bool_], remedy: str
+    scenario: Scenario,
+    std: FloatArray,
+    known: NDArray[np.bool_],
+    off: NDArray[np.bool_],
+    remedy: str,
 ) -> Iterator[str]:
-    """Yield where σ has no value, and where it is implausible."""
+    """Yield where σ or a bound has no value, and where σ is implausible."""
     why = "not converged, or radar straight above or below the aircraft"
-    none, axis, large = ~np.isfinite(std), scenario.axis, (3 * std > 1) & ~off
+    axis, large = scenario.axis, (3 * std > 1) & ~off
     what = f"{scenario.method} has no value ({why})"
-    yield from placed("no-value", none, axis, what, f": {remedy}")
+    yield from placed("no-value", ~known, axis, what, f": {remedy}")
     why = ": errors cross a limit or a narrow lobe, a radar is known poorly, or a unit is wrong"
     yield from placed("uncertainty-large", large, axis, "3 sigma of P_D is above 1", why)
 

@@ -398,7 +398,7 @@ class _Search:
         return self.limit + (NEAR * self.limit if exact else self._off)
 
     def _largest_other(self, names: tuple[str, ...], pose: int) -> str | None:
-        """Return the largest of the other sources, None if there is none."""
+        """Return the largest of the other sources, None if none is, or if any has no value."""
         budget, every = self.budget_at(pose), sources_of(self.scenario)
         pieces = {**budget.finer, **budget.parts}.items()
         shown = {**budget.sources, **{name: c for name, c in pieces if c.part_of}}
@@ -407,6 +407,8 @@ class _Search:
             for name, c in shown.items()
             if not any(every[name].overlaps(every[own]) for own in names)
         }
+        if np.isnan([*at_pose.values()]).any():
+            return None
         largest = max(at_pose, key=at_pose.__getitem__, default="")
         return largest if at_pose.get(largest, 0.0) > 0 else None
 

@@ -112,11 +112,12 @@ def resolve(
     order, most = -1 if given[0] > given[-1] else 1, len(given) + MAX_POSES
 
     added = places(scenario, lowest=requirement.at_least)
+    along(_nominal(scenario), added).check_ranges()
     place, new = given, np.setdiff1d(added, given)[::order]
     resolved = len(place) + len(new) < most
     if not resolved:
         margin = requirement.margin(along(_nominal(scenario), new).p_d())
-        new = new[[np.nan_to_num(margin, nan=np.inf).argmin()]]  # on top of a radar it is NaN
+        new = new[[margin.argmin()]]
     while True:
         if new.size:
             place = np.concatenate([place, new])

@@ -187,11 +187,8 @@ class PathTest:
 
     @property
     def first(self) -> int | None:
-        """First violated pose, or else the first pose that is not known; None if the test holds."""
-        for mask in (self.violated, self.unknown):
-            if mask.any():
-                return int(np.argmax(mask))
-        return None
+        """First violated pose; None if there is none."""
+        return int(np.argmax(self.violated)) if self.violated.any() else None
 
     @property
     def band(self) -> Band:

@@ -191,8 +191,9 @@ def _draw(figure: Figure, result: Result, found: Budget) -> None:
     radars = model.names if len(model.radars) > 1 else ()
     sources, parts = found.sources.values(), () if radars else found.parts.values()
     style_of = plotting.source_styles([*found.sources], radars)
-    tops = {c.name: np.nanmax(c.three_sigma, initial=0.0) for c in (*sources, *parts, total)}
-    seen = {n for n, top in tops.items() if len(tops) <= MANY or top >= VISIBLE * tops["total"]}
+    tops = {c.name: np.max(c.three_sigma, initial=0.0) for c in (*sources, *parts, total)}
+    least = VISIBLE * np.nanmax(total.three_sigma, initial=0.0) if len(tops) > MANY else 0.0
+    seen = {name for name, top in tops.items() if not top < least}  # a gap is not small
     unseen = [_in_words(c, radars) for c in (*sources, *parts) if c.name not in seen]
     if unseen:
         text = f"below {VISIBLE:.0%} of the total: {', '.join(unseen)}"

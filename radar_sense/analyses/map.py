@@ -197,16 +197,15 @@ def coverage_map(
     }
     off = _off_by_draws(cells, method, k) if upper else {}
     unknown = _unknown(cells, shown)
-    sides = {*off, *(["high"] if unknown else [])}  # unknown cells count
-    most = {"high": "at most ", "low": "at least "}[sides.pop()] if len(sides) == 1 else ""
+    most = {"high": "at most ", "low": "at least "}[next(iter(off))] if len(off) == 1 else ""
     quantity = f"upper {k:g}-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     place = _pose_in_words(result.summary)
     result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]
-    result.report += [
-        f"  {level} or more in {most}{100 * area / area_km2:.1f} % of the area, "
-        f"{float(f'{area:.4g}'):,.10g} km^2"
-        for level, area in areas.items()
-    ]
+    for level, area in zip(contours, areas.values(), strict=True):
+        span = float(np.sum(cell_km2[shown >= level])), area  # without unknown cells, and with them
+        share = " to ".join(dict.fromkeys(f"{100 * end / area_km2:.1f}" for end in span))
+        size = " to ".join(dict.fromkeys(f"{float(f'{end:.4g}'):,.10g}" for end in span))
+        result.report.append(f"  {level:g} or more in {most}{share} % of the area, {size} km^2")
     ends = " to ".join(map(probability, result.summary["route"]))
     by = ", by automatic" if upper else ""
     result.report += [f"along the route, at the attitude of each pose, {ends}{by}"]

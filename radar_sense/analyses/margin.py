@@ -170,7 +170,7 @@ def _report_margin(result: Result, left: FloatArray, bounds: Sequence[FloatArray
 
 def _band_in_words(lower: float, upper: float) -> str:
     """Describe a band [dB], without an end where c_r may be 0, or the aircraft at the radar."""
-    if not np.isfinite([lower, upper]).any():
+    if np.isnan([lower, upper]).any() or np.isinf([lower, upper]).all():
         return "without a band"
     if lower == -np.inf:
         return f"at most {upper:.2f}"

@@ -229,7 +229,8 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
     """Describe the range for one P_D, and its band where it is widest, with the sources of it."""
     if not (at.slant > 0).any():
         if not (at.upper > 0).any():
-            return ["at no range; sigma has no value"]
+            bound = "" if np.all(at.upper == 0) else " of the nominal states"
+            return [f"at no range{bound}; sigma has no value"]
         highest = int(np.nanargmax(at.upper))
         place = axis.at(highest)
         if np.ptp(at.upper) <= PRECISION * at.upper[highest]:
@@ -250,7 +251,8 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
         return [first]
     widest = int(np.argmax(reached(width)))
     if width[widest] <= ROUNDING * at.slant[widest] and at.upper[widest] > 0:
-        return [first] if at.reach.endless[widest] else [first, "the band has no width"]
+        unknown = at.reach.endless[widest] or np.isnan(width).any()
+        return [first] if unknown else [first, "the band has no width"]
     middle, lower, upper = (_km(x[widest]) for x in (at.slant, at.lower, at.upper))
     band = f"between {lower.removesuffix(' km')} and {upper} ({k:g} sigma)"
     shares = sorted(at.shares([widest]).items(), key=lambda item: -item[1])
@@ -273,15 +275,16 @@ def _km(distance: float) -> str:
 def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     """Describe where there is no range, where a limit comes first, and where P_D rises again."""
     none, limited, edges = at.slant == 0, at.reach.limited, at.reach.edges
-    without = np.isnan([at.std, at.lower, at.upper]) & ~none & ~at.reach.endless
+    without = np.isnan([at.std, at.lower, at.upper]) & ~at.reach.endless
+    without[0] &= ~none
     end = f"{FARTHEST / 1e3:g} km, the end of the search"
     masks = {
         "at no range {}; sigma has no value": none & ~none.all(),
         "the limit of the radar comes first {}": limited & ~without[0],
         "the limit of the radar comes first {}; sigma has no value": limited & without[0],
         "sigma has no value {}: P_D does not fall with distance": without[0] & ~limited,
-        "the lower bound has no value {}": without[1] & ~limited,
-        "the upper bound has no value {}": without[2] & ~limited,
+        "the lower bound has no value {}": without[1],
+        "the upper bound has no value {}": without[2],
         f"passed at {edges.max()} ranges or more, {{}}; the farthest is given": edges > 1,
         f"still higher at {end}, {{}}; sigma has no value": at.reach.endless,
     }

@@ -122,6 +122,10 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     def place(pose: int) -> dict[str, float]:
         return {axis.key: float(axis.values[pose])}
 
+    # where P_D is not resolved it may be beyond elsewhere, too
+    known = tested.path.resolved and not np.isnan(tested.margin).any()
+    beyond = tested.beyond if known else None
+
     summary: dict[str, Any] = {
         **required.numbers,
         "bound": column,
@@ -137,9 +141,9 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
         "poses_decided_by_draws": int(np.count_nonzero(tested.by_draws)),
         "probability_of_false_holds": 2.0 * CHANCE,
         f"p_d_itself_{where}": bool(np.any(required.margin(tested.path.band.p_d) < 0)),
-        f"{where}_{unit}": tested.beyond,
+        f"{where}_{unit}": beyond,
         f"total_{unit}": tested.total,
-        f"share_{where}": tested.beyond / tested.total,
+        f"share_{where}": None if beyond is None else beyond / tested.total,
         "first_violation": None if tested.first is None else place(tested.first),
         "worst_margin": {"value": float(tested.margin[tested.worst]), **place(tested.worst)},
         f"highest_probability_{where}": {
@@ -151,8 +155,8 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     }
     if required.probability is not None:
         summary["probability"] = required.probability
-    if not tested.path.resolved:  # P_D may be beyond elsewhere, too
-        return summary | dict.fromkeys((f"{where}_{unit}", f"share_{where}"))
+    if not tested.path.resolved:
+        return summary
     if runs.anywhere is not None:
         summary[f"probability_{where}_at_any_pose"] = {
             "value": runs.anywhere / runs.runs,

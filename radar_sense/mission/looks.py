@@ -16,9 +16,7 @@ from radar_sense import axis
 from radar_sense.covariance import draws
 from radar_sense.errors import InputError
 from radar_sense.flight import Path
-from radar_sense.limits import MIN_RANGE
 from radar_sense.mission.schedule import Schedule, schedule_looks
-from radar_sense.model.geometry import slant_range
 from radar_sense.montecarlo.gauss_markov import correlate
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray, of_each
@@ -54,15 +52,7 @@ class Looks:
         schedule = schedule_looks(scenario.model, flight.time_s)
         along = axis.time(schedule.time)
         scenario = scenario.along(replace(flight.at(schedule.time), axis=along))
-        # The flight may be nearer to a radar than any pose of the path.
-        for radar in of_each(scenario.radar, len(scenario.radars)):
-            distance = slant_range(scenario.aircraft, radar)
-            nearest = int(np.argmin(distance))
-            if distance[nearest] < MIN_RANGE:
-                raise InputError(
-                    f"the aircraft is on top of the radar at the look at {along.at(nearest)}, "
-                    f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
-                )
+        scenario.check_ranges("the look at ")
         root = scenario.geometry.square_root
         return cls(
             scenario=scenario,

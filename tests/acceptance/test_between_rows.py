@@ -19,6 +19,7 @@ from radar_sense import analyses
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.requirement import Requirement
 from radar_sense.acceptance.threshold import path_test
+from radar_sense.errors import InputError
 from radar_sense.propagation import band_of_scenario
 from radar_sense.propagation.staged import MANY
 
@@ -316,10 +317,17 @@ def test_what_is_not_resolved_is_not_said(tmp_path, monkeypatch, limit):
             analyses.budget(scenario, threshold=limit)
 
 
-def test_a_path_through_the_radar_that_is_not_resolved(tmp_path, monkeypatch):
-    """P_D is NaN at the radar, and the place of the greatest P_D is another."""
-    monkeypatch.setattr(refinement, "MAX_POSES", 5)
+def test_a_path_through_the_radar_is_refused(tmp_path):
+    """P_D has no value there, which is between the rows."""
     sphere, rows = {"model": "constant", "rcs_m2": 1}, "0,0,-40000,0\n100,0,40000,0\n"
+    s = flight(tmp_path, rows, [radar(0.002)], sphere, KNOWN_POSE)
+    with pytest.raises(InputError, match="on top of the radar at"):
+        analyses.variance(s, threshold=0.5, method="linear")
+
+
+def test_a_path_that_is_not_resolved_has_the_place_of_the_greatest_p_d(tmp_path, monkeypatch):
+    monkeypatch.setattr(refinement, "MAX_POSES", 5)
+    sphere, rows = {"model": "constant", "rcs_m2": 1}, "0,500,-40000,0\n100,500,40000,0\n"
     s = flight(tmp_path, rows, [radar(0.002)], sphere, KNOWN_POSE)
     result = analyses.variance(s, threshold=0.5, method="linear")
     found = result.summary["threshold"]

@@ -376,7 +376,10 @@ def test_a_bound_by_too_few_draws_is_not_precise():
     ("p_d", "says"),
     [
         ([0.25, 0.5, 0.25], "P_D runs from 0.2500 at 0 and 20 deg to 0.5000 at 10 deg"),
-        ([0.25, np.nan, 0.5], "P_D runs from 0.2500 at 0 deg to 0.5000 at 20 deg"),
+        (
+            [0.25, np.nan, 0.5],
+            "P_D runs from 0.2500 at 0 deg to 0.5000 at 20 deg (1 pose without a value)",
+        ),
         ([0.25, 0.25, 0.25], "P_D is 0.2500 at every pose"),
         ([0.98801, 0.98804, 0.98798], "P_D is 0.9880 at every pose"),
         ([0.98801, np.nan, 0.98798], "P_D is 0.9880 wherever it has a value"),

@@ -58,8 +58,8 @@ def test_p_d_and_snr_along_the_line():
 
 @pytest.mark.all_draws
 def test_the_greatest_p_d_between_two_ranges_is_found():
-    """The line passes a radar of 5 km between the ranges of 100 and 150 km."""
-    changes = {"radar.position_m": [62_500, 108_253, -9_000], "radar.max_range_km": 2.0}
+    """The line passes a radar of 2 km between the ranges of 100 and 150 km."""
+    changes = {"radar.position_m": [62_500, 108_253, -8_900], "radar.max_range_km": 2.0}
     s = radial(changes, range_km={"start": 100, "stop": 150, "step": 50})
     assert s.model.p_d(s.aircraft, s.radar).max() == 0
     result = analyses.variance(s, threshold=0.5)
