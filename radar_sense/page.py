@@ -141,13 +141,14 @@ def _cells(result: Result, name: str) -> Iterable[str]:
     yield f'<th scope="row"><code>{escaped(name)}</code><br>{escaped(meaning)}</th>'
     first, values = next(iter(result.table)), np.asarray(result.table[name], dtype=float)
     known = values[np.isfinite(values)]
+    gaps = f"; {values.size - known.size} without a value" if 0 < known.size < values.size else ""
     is_map = any(column.ndim > 1 for column in result.table.values())  # and has two axes
     for extreme in (known.min(), known.max()) if known.size else (np.nan, np.nan):
         words = f"{extreme:.10g}" if name == first else number(extreme)
         words = f"{words} {unit if known.size else ''}".strip()
         if name != first and values.shape == result.table[first].shape and not is_map:
             words += _places(result, first, np.isclose(values, extreme, rtol=1e-9, atol=1e-9))
-        yield f"<td>{escaped(words)}</td>"
+        yield f"<td>{escaped(words + gaps)}</td>"
 
 
 def _places(result: Result, axis: str, mask: FloatArray) -> str:

@@ -15,7 +15,7 @@ from scipy.constants import Boltzmann
 from scipy.special import ndtr, ndtri
 
 from radar_sense import plotting, words
-from radar_sense.axis import reached
+from radar_sense.axis import reached, widest_of_highest
 from radar_sense.command import Figure, Option, Result
 from radar_sense.covariance import variance_along
 from radar_sense.errors import InputError
@@ -149,12 +149,16 @@ def margin(scenario: Scenario, p_d: float, pulses: int | None, k: float) -> Resu
 
 
 def _report_margin(result: Result, left: FloatArray, bounds: Sequence[FloatArray], k: float) -> int:
-    """Report the least and the largest margin over the poses (n,). Return the pose of the least."""
+    """Report the least and the largest margin over the poses (n,). Return the pose of the least.
+
+    Of poses with equal margins it is that with the widest band, and its band is reported.
+    """
     axis, p_d = result.scenario.axis, result.summary["p_d"]
-    seen = ~np.isnan(left)
+    seen, width = ~np.isnan(left), bounds[1] - bounds[0]
     masks = {"least": reached(-left), "largest": reached(left)} if seen.any() else {}
+    poses = {"least": widest_of_highest(-left, width), "largest": widest_of_highest(left, width)}
     for name, mask in masks.items():
-        value, lower, upper = (float(values[mask][0]) for values in (left, *bounds))
+        value, lower, upper = (float(values[poses[name]]) for values in (left, *bounds))
         place = {axis.key: axis.values[mask].tolist()}
         result.summary[f"{name}_margin_db"] = {"value": value, "band": [lower, upper], **place}
         if name == "largest" and mask.sum() == seen.sum():
@@ -165,7 +169,7 @@ def _report_margin(result: Result, left: FloatArray, bounds: Sequence[FloatArray
         )
     if not seen.all():
         result.report.append(f"no margin {words.describe_poses(~seen, axis)}: beyond a limit")
-    return int(np.argmax(masks["least"])) if masks else 0
+    return poses["least"]
 
 
 def _band_in_words(lower: float, upper: float) -> str:
