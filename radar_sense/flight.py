@@ -21,7 +21,8 @@ from radar_sense import axis as axes
 from radar_sense.axis import Axis
 from radar_sense.covariance import symmetric_square_root
 from radar_sense.errors import InputError, check_choice, describe
-from radar_sense.model.geometry import orbit
+from radar_sense.limits import MIN_RANGE
+from radar_sense.model.geometry import orbit, slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.track import covariance_in_frame, square_root_in_frame
 from radar_sense.model.trajectory import METHODS, Route, distance_flown, interpolate
@@ -100,6 +101,17 @@ class Geometry(ReadOnly):
     def at(self, coordinate: FloatArray) -> Geometry:
         """Return the poses of the flight at other coordinates (k,), in any order."""
         raise InputError("there is no flight from pose to pose")
+
+    def collision(self, name: str, radar: FloatArray, what: str = "") -> str | None:
+        """Return where the aircraft is on top of a radar at a state, in words; None if nowhere."""
+        distance = slant_range(self.aircraft, radar)
+        nearest = int(np.argmin(distance))
+        if distance[nearest] >= MIN_RANGE:
+            return None
+        return (
+            f"the aircraft is on top of {name} at {what}{self.axis.at(nearest)}, slant range "
+            f"{distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
+        )
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Geometry:
         """Return some of the poses."""

@@ -23,7 +23,6 @@ from radar_sense.limits import (
     CORRELATION,
     MAX_NAME,
     METHODS,
-    MIN_RANGE,
     NAME,
     RADAR_NAME,
     RUNS,
@@ -34,7 +33,6 @@ from radar_sense.limits import (
     plain_number,
 )
 from radar_sense.model.geodesy import check_origin
-from radar_sense.model.geometry import slant_range
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.radar_constant import Tolerance
@@ -294,13 +292,8 @@ class Scenario:
     def check_ranges(self, what: str = "") -> None:
         """Raise InputError where the aircraft is on top of a radar: P_D has no value there."""
         for radar in self.radar_states:
-            distance = slant_range(self.aircraft, radar)
-            nearest = int(np.argmin(distance))
-            if distance[nearest] < MIN_RANGE:
-                raise InputError(
-                    f"the aircraft is on top of the radar at {what}{self.axis.at(nearest)}, "
-                    f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
-                )
+            if text := self.geometry.collision("the radar", radar, what):
+                raise InputError(text)
 
     def states(self) -> UncertainStates:
         """Return the uncertain states of all poses, at the level."""

@@ -66,8 +66,8 @@ def trough(values: FloatArray, axis: Axis) -> dict[str, Any]:
     return {**top, "value": -top["value"]}
 
 
-def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
-    """Describe a peak or a trough: its value and the places."""
+def describe_extreme(extreme: Mapping[str, Any], axis: Axis, *, gaps: bool = True) -> str:
+    """Describe a peak or a trough: its value and places, and how many poses have no value."""
     places = extreme[axis.key]
     if not places:
         return "undefined"
@@ -77,7 +77,7 @@ def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
         place = axis.in_words(listed(map(axis.number, places)))
     text = f"{probability(extreme['value'])} at {place}"
     without = extreme.get("without_value", 0)
-    if without:
+    if gaps and without:
         text += f" ({counted(without, axis.places.removesuffix('s'))} without a value)"
     return text
 
@@ -86,7 +86,7 @@ def describe_span(p_d: FloatArray, axis: Axis) -> str:
     """Describe the range of P_D (n,) in a sentence, by the digits that are shown."""
     low, high = trough(p_d, axis), peak(p_d, axis)
     if probability(low["value"]) != probability(high["value"]) or np.isnan(high["value"]):
-        least = describe_extreme({**low, "without_value": 0}, axis)  # the other end says it
+        least = describe_extreme(low, axis, gaps=False)  # the other end says it
         return f"P_D runs from {least} to {describe_extreme(high, axis)}"
     if len(axis) == 1:
         return f"P_D is {describe_extreme(high, axis)}"

@@ -81,9 +81,9 @@ def scenario(**changes):
 
 
 def known_to(metres=0, degrees=0, rcs_db=0, **of_radar):
-    """Changes of a scenario: deviations of the aircraft and of its radar, of nothing unless given.
+    """Changes of a scenario: standard deviations of aircraft and radar, 0 where none is given.
 
-    The method is then `automatic`, and not that of the paper.
+    They leave the method out, so it is `automatic` in place of the paper's.
     """
     aircraft = {"position_m": metres, "attitude_deg": degrees, "rcs_db": rcs_db}
     radar = {"medium": {"position_m": 0, "constant": 0, **of_radar}}

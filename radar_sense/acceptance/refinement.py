@@ -96,7 +96,7 @@ def resolve(
 ) -> Refined:
     """Return a scenario with poses added until P_D and its bound are linear between poses.
 
-    Without a flight it is returned unchanged. The band is that of its poses.
+    `band` is the band of its poses. Without a flight the scenario is returned unchanged.
 
     Poses are added as in `places`. Then steps are halved until P_D and its bound are within the
     tolerance of straight lines, and a bound near the limit within less, see `CLOSEST`: it may be

@@ -199,7 +199,7 @@ class PathTest:
 
     @property
     def worst(self) -> int:
-        """A pose without a bound, or with the least margin; of several the least of P_D itself."""
+        """A pose without a bound, or with the least margin; of several that of P_D itself."""
         margin = np.nan_to_num(self.margin, nan=-np.inf)
         alike = margin <= margin.min() + min(ALIKE, ALIKE_PART * abs(margin.min()))
         return int(np.lexsort((self.requirement.margin(self.path.band.p_d), ~alike))[0])

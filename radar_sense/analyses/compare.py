@@ -181,7 +181,7 @@ def _difference(
     top = words.peak(distance.max(axis=0), axis)
     if np.isnan(top["value"]):
         return top, False, "undefined"
-    text = words.describe_extreme({**top, "without_value": 0}, axis)  # a warning says it
+    text = words.describe_extreme(top, axis, gaps=False)  # a warning says it
     is_noise = top["value"] >= words.LEAST and not told[distance == top["value"]].any()
     return top, bool(told.any()), f"{text} (noise)" if is_noise else text
 

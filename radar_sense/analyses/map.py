@@ -197,7 +197,7 @@ def coverage_map(
     }
     off = _off_by_draws(cells, method, k) if upper else {}
     unknown = _unknown(cells, shown)
-    most = {"high": "at most ", "low": "at least "}[next(iter(off))] if len(off) == 1 else ""
+    most = {"high": "at most ", "low": "at least "}.get(" and ".join(off), "")  # none if both
     quantity = f"upper {k:g}-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     place = _pose_in_words(result.summary)
     result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]

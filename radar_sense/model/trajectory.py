@@ -228,7 +228,7 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
     if len(route.time_s) == 1:
         return route
     motion = legs if method == "legs" else _smooth
-    # where it hovers, a course from the track is that of arrival, or of departure
+    # an aircraft that hovers has the course of the leg before it, or of the first leg
     beside = () if route.attitude_given else (route.time_s, *_beside_stops(route))
     asked, time = time, np.unique(np.concatenate([time, *beside]))
     position, velocity, acceleration = motion(route, time)

@@ -11,8 +11,8 @@ import numpy as np
 from radar_sense import axis
 from radar_sense.errors import InputError
 from radar_sense.flight import CERTAIN, Geometry, Orbit, Path, Radial
-from radar_sense.limits import DEG, MIN_RANGE
-from radar_sense.model.geometry import body_vector, elevation_of, slant_range
+from radar_sense.limits import DEG
+from radar_sense.model.geometry import body_vector, elevation_of
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
@@ -162,14 +162,9 @@ def _rcs_db(stated: sections.PoseUncertainty | None, rcs: Mapping[str, RCS]) -> 
 
 
 def _refuse_collision(place: Place, geometry: Geometry, radar: Radar) -> None:
-    distance = slant_range(geometry.aircraft, np.asarray(radar.state))
-    nearest = int(np.argmin(distance))
-    if distance[nearest] < MIN_RANGE:
-        raise place.error(
-            f"the aircraft is on top of {_called(radar)} at "
-            f"{geometry.axis.name} {geometry.axis.at(nearest)}, "
-            f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
-        )
+    what, state = f"{geometry.axis.name} ", np.asarray(radar.state)
+    if text := geometry.collision(_called(radar), state, what):
+        raise place.error(text)
 
 
 def _refuse_uncovered(place: Place, geometry: Geometry, radar: Radar) -> None:

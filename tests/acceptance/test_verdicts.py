@@ -546,16 +546,25 @@ def test_better_knowledge_helps_where_p_d_itself_is_beyond_the_limit_of_a_probab
     assert required(s, met, "radar_constant")["radar_constant"].factor >= 1
 
 
-def at_a_lobe(floor, yaw):
+def with_lobes(rcs, yaw, **changes):
+    """A fading aircraft with lobes at a yaw, on an orbit from the north."""
     return scenario(
-        geometry__range_km=300,
         geometry__azimuth_from="north",
-        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
-        radar__constant=2.1,
         radar__p_fa=1e-6,
         radar__detector="swerling1",
-        aircraft__rcs=spikes(24, 1.0, floor),
+        aircraft__rcs=rcs,
         aircraft__attitude_deg=[0, 0, yaw],
+        **changes,
+    )
+
+
+def at_a_lobe(floor, yaw):
+    return with_lobes(
+        spikes(24, 1.0, floor),
+        yaw,
+        geometry__range_km=300,
+        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
+        radar__constant=2.1,
         **known_to(10, [0.1, 0.1, 4], position_m=100, constant=0.35),
     )
 
@@ -563,15 +572,12 @@ def at_a_lobe(floor, yaw):
 @pytest.mark.all_draws
 def test_the_worst_of_poses_that_draws_do_not_tell_apart_is_that_of_the_lowest_p_d():
     """About the bottom of a gap, at 10 deg, the lower bound is nearly 0."""
-    s = scenario(
+    s = with_lobes(
+        spikes(8, 1.0, 0.001),
+        10,
         geometry__range_km=50,
-        geometry__azimuth_from="north",
         geometry__azimuth_deg={"start": 8.5, "stop": 11, "step": 2.5},
         radar__constant=0.03,
-        radar__p_fa=1e-6,
-        radar__detector="swerling1",
-        aircraft__rcs=spikes(8, 1.0, 0.001),
-        aircraft__attitude_deg=[0, 0, 10],
         **known_to(10, 2, position_m=10, constant=0.001),
     )
     tested = analyses.variance(s, at_least=0.05).summary["threshold"]
