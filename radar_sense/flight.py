@@ -31,6 +31,8 @@ from radar_sense.states import ATTITUDE, FloatArray, ReadOnly, real_array
 if TYPE_CHECKING:
     from typing_extensions import Self
 
+    from radar_sense.model.radar import Radar
+
 #: C_aa of an aircraft whose poses are certain.
 CERTAIN = np.zeros((6, 6))
 CERTAIN.flags.writeable = False
@@ -102,15 +104,15 @@ class Geometry(ReadOnly):
         """Return the poses of the flight at other coordinates (k,), in any order."""
         raise InputError("there is no flight from pose to pose")
 
-    def collision(self, name: str, radar: FloatArray, what: str = "") -> str | None:
-        """Return where the aircraft is on top of a radar at a state, in words; None if nowhere."""
-        distance = slant_range(self.aircraft, radar)
+    def collision(self, radar: Radar, what: str = "") -> str | None:
+        """Return where the aircraft is on top of a radar, in words; None if nowhere."""
+        distance = slant_range(self.aircraft, np.asarray(radar.state))
         nearest = int(np.argmin(distance))
         if distance[nearest] >= MIN_RANGE:
             return None
         return (
-            f"the aircraft is on top of {name} at {what}{self.axis.at(nearest)}, slant range "
-            f"{distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
+            f"the aircraft is on top of {radar.called} at {what}{self.axis.at(nearest)}, "
+            f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
         )
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Geometry:

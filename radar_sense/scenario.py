@@ -291,8 +291,8 @@ class Scenario:
 
     def check_ranges(self, what: str = "") -> None:
         """Raise InputError where the aircraft is on top of a radar: P_D has no value there."""
-        for radar in self.radar_states:
-            if text := self.geometry.collision("the radar", radar, what):
+        for radar in self.radars:
+            if text := self.geometry.collision(radar, what):
                 raise InputError(text)
 
     def states(self) -> UncertainStates:

@@ -264,6 +264,11 @@ class Radar(ReadOnly):
         return replace(self, min_range=0.0, max_range=math.inf, horizon=None, mask=None)
 
     @property
+    def called(self) -> str:
+        """The radar in a sentence, with its name if it has one."""
+        return f"radar {self.name!r}" if self.name else "the radar"
+
+    @property
     def limited(self) -> bool:
         """Whether the radar has a maximum range, a minimum range, a horizon or a mask."""
         in_range = self.min_range <= 0 and self.max_range == math.inf

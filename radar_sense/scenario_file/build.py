@@ -162,8 +162,7 @@ def _rcs_db(stated: sections.PoseUncertainty | None, rcs: Mapping[str, RCS]) -> 
 
 
 def _refuse_collision(place: Place, geometry: Geometry, radar: Radar) -> None:
-    what, state = f"{geometry.axis.name} ", np.asarray(radar.state)
-    if text := geometry.collision(_called(radar), state, what):
+    if text := geometry.collision(radar, f"{geometry.axis.name} "):
         raise place.error(text)
 
 
@@ -176,11 +175,7 @@ def _refuse_uncovered(place: Place, geometry: Geometry, radar: Radar) -> None:
     if len(outside):
         raise place.error(
             f"at {geometry.axis.name} {geometry.axis.at(outside[0])} the aircraft sees "
-            f"{_called(radar)} at elevation {elevation_of(body[outside[0]]) / DEG:.3g} deg, the "
+            f"{radar.called} at elevation {elevation_of(body[outside[0]]) / DEG:.3g} deg, the "
             f"RCS table covers {rcs.elevation[0] / DEG:g} to {rcs.elevation[-1] / DEG:g} deg: "
             "add rows to the table, or change the path"
         )
-
-
-def _called(radar: Radar) -> str:
-    return f"radar {radar.name!r}" if radar.name else "the radar"

@@ -321,7 +321,7 @@ def test_a_path_through_the_radar_is_refused(tmp_path):
     """P_D has no value there, which is between the rows."""
     sphere, rows = {"model": "constant", "rcs_m2": 1}, "0,0,-40000,0\n100,0,40000,0\n"
     s = flight(tmp_path, rows, [radar(0.002)], sphere, KNOWN_POSE)
-    with pytest.raises(InputError, match="on top of the radar at"):
+    with pytest.raises(InputError, match="on top of radar 'r0' at 50 s"):
         analyses.variance(s, threshold=0.5, method="linear")
 
 
