@@ -119,8 +119,7 @@ def commands() -> Mapping[str, str]:
 
 def load(name: str) -> Command:
     """Import a command."""
-    found: Command = getattr(import_module("radar_sense.analyses"), name)
-    return found
+    return getattr(import_module("radar_sense.analyses"), name)
 
 
 class Cli(click.Group):

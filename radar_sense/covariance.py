@@ -116,7 +116,6 @@ def variance_along(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
     uncertain = covariance.any(axis=-1)
     if not uncertain.all():
         jacobian = np.where(uncertain, jacobian, 0.0)
-    variance: FloatArray
     variances = np.diagonal(covariance, axis1=-2, axis2=-1)
     if covariance.ndim == 2 and np.count_nonzero(covariance) == np.count_nonzero(variances):
         variance = np.einsum("...i,i,...i->...", jacobian, variances, jacobian)  # C is diagonal
@@ -159,13 +158,13 @@ def square_root(covariance: FloatArray) -> FloatArray:
 
 
 def _square_root(covariance: FloatArray) -> FloatArray:
-    std: FloatArray = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     diagonal = std[..., np.newaxis] * np.eye(std.shape[-1])
     independent = np.all((covariance == 0) | np.eye(std.shape[-1], dtype=bool), axis=(-2, -1))
     if independent.all():
         return diagonal
     eigenvalues, eigenvectors = np.linalg.eigh(_correlation(covariance))
-    coupled: FloatArray = std[..., np.newaxis] * eigenvectors
+    coupled = std[..., np.newaxis] * eigenvectors
     rounding = 1e-14 * std.shape[-1]  # the root of which would be a deviation
     coupled *= np.sqrt(np.where(eigenvalues > rounding, eigenvalues, 0.0))[..., np.newaxis, :]
     return np.where(independent[..., np.newaxis, np.newaxis], diagonal, coupled)
@@ -196,13 +195,10 @@ def symmetric_square_root(covariance: FloatArray) -> FloatArray:
     order between nearly equal matrices. Use this F for errors that are correlated from pose to
     pose.
     """
-    std: FloatArray = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     eigenvalues, eigenvectors = np.linalg.eigh(_correlation(covariance))
     scaled_vectors = eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[..., np.newaxis, :]
-    sqrt_cov: FloatArray = std[..., np.newaxis] * (
-        scaled_vectors @ np.swapaxes(eigenvectors, -1, -2)
-    )
-    return sqrt_cov
+    return std[..., np.newaxis] * (scaled_vectors @ np.swapaxes(eigenvectors, -1, -2))
 
 
 def draws(mean: FloatArray, sqrt_cov: FloatArray, normals: FloatArray) -> FloatArray:
@@ -213,7 +209,7 @@ def draws(mean: FloatArray, sqrt_cov: FloatArray, normals: FloatArray) -> FloatA
     """
     n, r = sqrt_cov.shape[-2:]
     others = range(sqrt_cov.ndim - 2)
-    present = np.asarray(sqrt_cov.any(axis=tuple(others)))
+    present = np.any(sqrt_cov, axis=tuple(others))
     entries = sqrt_cov.transpose(-2, -1, *others)
     means, components = components_first(mean), components_first(normals)
     drawn = np.empty((n, *normals.shape[:-1]))
@@ -232,5 +228,4 @@ def draws(mean: FloatArray, sqrt_cov: FloatArray, normals: FloatArray) -> FloatA
 def _correlation(covariance: FloatArray) -> FloatArray:
     std = np.sqrt(abs(np.diagonal(covariance, axis1=-2, axis2=-1)))
     std = np.where(std > 0, std, 1.0)
-    correlation: FloatArray = covariance / (std[..., :, np.newaxis] * std[..., np.newaxis, :])
-    return correlation
+    return covariance / (std[..., :, np.newaxis] * std[..., np.newaxis, :])

@@ -366,7 +366,7 @@ def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
     def free(angle: float) -> NDArray[np.bool_]:
         places = (rings - low) * np.exp(1j * np.deg2rad(angle))
         gap = np.nanmin(abs(places[:, np.newaxis] - drawn), axis=1)
-        return np.asarray(gap > _BESIDE * (high - low))
+        return gap > _BESIDE * (high - low)
 
     shown_at = {angle: free(angle) for angle in np.arange(22.5, 360.0, 45.0)}
     angle, shown = max(shown_at.items(), key=lambda at: int(at[1].sum()))

@@ -256,7 +256,7 @@ class Scenario:
         """
         m, size = len(self.radars), len(RADAR)
         whole = self._states.cov_radar[0].reshape(m, len(RADAR_AND_ERRORS), m, -1)
-        return np.asarray(whole[:, :size, :, :size].reshape(m * size, m * size))
+        return whole[:, :size, :, :size].reshape(m * size, m * size)
 
     @property
     def tolerances(self) -> tuple[tuple[Tolerance, ...], ...]:

@@ -113,7 +113,7 @@ class UncertainStates:
         """Columns (r,) of F that may differ from 0, at all poses of which these are a part."""
         if len(self.cov_radar) == 1:
             return np.flatnonzero(self._root.any(axis=(0, 1)))
-        uncertain = np.asarray(np.diagonal(self.cov_radar, axis1=1, axis2=2).any(axis=0))
+        uncertain = np.any(np.diagonal(self.cov_radar, axis1=1, axis2=2), axis=0)
         uncertain[self.log_constants] = False
         return np.flatnonzero(uncertain)
 

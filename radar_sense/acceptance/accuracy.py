@@ -348,7 +348,7 @@ class _Search:
 
         def settled(_: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
             excess, errors = compared(found)
-            return np.asarray((abs(excess) >= SURE * errors) | np.any(excess > SURE * errors))
+            return (abs(excess) >= SURE * errors) | np.any(excess > SURE * errors)
 
         return compared(staged.until(settled, draws))
 

@@ -26,7 +26,7 @@ def turned_wrongly(scenario: Scenario) -> NDArray[np.bool_]:
     turn = geodesy.turn_from_level(scenario.aircraft[:, POSITION], scenario.origin)
     tilt = np.arccos(np.clip(turn[:, 2, 2], -1.0, 1.0))
     attitude = scenario.cov_aircraft.reshape(-1, 6, 6)[:, ATTITUDE, ATTITUDE]
-    return np.asarray(0.5 * tilt * BETA**2 * largest_variance(attitude) > LEAST_TURN)
+    return 0.5 * tilt * BETA**2 * largest_variance(attitude) > LEAST_TURN
 
 
 def attitude_off(scenario: Scenario) -> FloatArray:

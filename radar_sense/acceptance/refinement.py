@@ -253,7 +253,7 @@ def _scattering(covariance: FloatArray) -> FloatArray:
     std = np.maximum(std[1:], std[:-1])
     scale, change = std[:, :, np.newaxis] * std[:, np.newaxis], abs(np.diff(covariance, axis=0))
     relative = np.divide(change, scale, out=np.zeros_like(change), where=scale > 0)
-    return np.asarray(relative.max(axis=(1, 2)) / LARGEST_MOVE)
+    return relative.max(axis=(1, 2)) / LARGEST_MOVE
 
 
 def _nominal(scenario: Scenario) -> Scenario:
@@ -354,8 +354,7 @@ def _bend(place: FloatArray, values: FloatArray) -> FloatArray:
     second = np.nan_to_num(abs(2.0 * np.diff(slope) / (place[2:] - place[:-2])))
     second[crossing[1:] | crossing[:-1]] = np.nan
     greater = np.fmax(np.append(second, second[-1]), np.insert(second, 0, second[0]))
-    bend: FloatArray = np.nan_to_num(0.125 * step**2 * greater, nan=np.inf)
-    return bend
+    return np.nan_to_num(0.125 * step**2 * greater, nan=np.inf)
 
 
 def _middles(place: FloatArray) -> FloatArray:

@@ -134,5 +134,4 @@ def _positions(place: FloatArray) -> list[Position]:
     """Return longitude, latitude [deg] and height [m] of places (n, 3), rounded to 1 cm."""
     latitude, longitude, height = place.T
     columns = [np.round(longitude / DEG, 7), np.round(latitude / DEG, 7), np.round(height, 2)]
-    positions: list[Position] = np.column_stack(columns).tolist()
-    return positions
+    return np.column_stack(columns).tolist()

@@ -157,7 +157,7 @@ def _lobes(model: RCS) -> dict[str, float]:
 def _marks(model: RCS, most: int) -> FloatArray:
     """Return azimuths [deg] at which the extremes of a model may be, up to a number."""
     if isinstance(model, TableRCS):
-        return np.asarray((np.rad2deg(model.azimuth) + 180.0) % 360.0 - 180.0)
+        return (np.rad2deg(model.azimuth) + 180.0) % 360.0 - 180.0
     if isinstance(model, SpikeballRCS) and 2 * model.lobes <= most:  # tops and bottoms of lobes
         return np.linspace(-180.0, 180.0, 2 * model.lobes, endpoint=False)
     return np.zeros(0)

@@ -234,8 +234,7 @@ def worst_p_d_in_cells(cells: Grid, *, workers: int = 1) -> list[Plane]:
             states[:, YAW] = heading
             if turn is not None:
                 states[:, ATTITUDE] = geodesy.turned_attitude(states[:, ATTITUDE], turn[rows])
-            z: FloatArray = ndtri(scenario.model.p_d(states, scenario.radar))
-            return z
+            return ndtri(scenario.model.p_d(states, scenario.radar))
 
         z, heading = _highest(z_at, count)
         degrees = np.rad2deg(np.mod(heading, 2.0 * np.pi))
@@ -329,7 +328,7 @@ def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) 
     down is minus the height above the origin. The attitude is relative to the horizontal plane of
     the cell.
     """
-    pose: FloatArray = scenario.aircraft[0].copy()
+    pose = scenario.aircraft[0].copy()
     origin = scenario.origin
     if origin is not None:
         place = geodesy.geodetic_from_ned(pose[POSITION], origin)

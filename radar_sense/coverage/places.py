@@ -252,14 +252,14 @@ def _appears(at_low: FloatArray, at_high: FloatArray) -> NDArray[np.bool_]:
     """
     appears = 1.0 - _part(at_high, at_low)[0]
     apart = (at_low[0] < 0) & (at_high[0] >= 0) & (at_low[1] >= 0) & (at_high[1] < 0)
-    return np.asarray(apart & (appears < _part(at_low, at_high)[1]))
+    return apart & (appears < _part(at_low, at_high)[1])
 
 
 def _hidden(at_low: FloatArray, at_high: FloatArray) -> NDArray[np.bool_]:
     """Return where (l,) the mask hides a place and all up to the edge of the signal beyond it."""
     appears = 1.0 - _part(at_high, at_low)[2]
     window = (at_high[2] >= 0) & (appears < np.min(_part(at_low, at_high)[:2], axis=0))
-    return np.asarray((at_low[2] < 0) & ~window)
+    return (at_low[2] < 0) & ~window
 
 
 def turned(around: Rays, distance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -94,7 +94,7 @@ def range_at(seen: Survey, value: float, method: str, k: float) -> RangeAt:
 
     def precise(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
         (_, std), (_, error) = found.moments
-        return np.asarray(error <= ERROR_OF_STD * std)
+        return error <= ERROR_OF_STD * std
 
     std = staged.until(precise, most).moments[0][1]
     if method == "linear":

@@ -50,7 +50,7 @@ class Reach:
     @property
     def endless(self) -> NDArray[np.bool_]:
         """Where (n,) P_D is still as high at the end of the search."""
-        return np.asarray(self.distance >= END)
+        return self.distance >= END
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +151,7 @@ def reach_of_quantile(
             return np.empty(0)
         quantile = np.clip(seen.all_rays.part(rows).quantile(distance, method, beta), 0.0, 1.0)
         z = ndtri(quantile) - ndtri(value)
-        return np.asarray(np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT))
+        return np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT)
 
     near = np.clip(guess, NEAREST, np.maximum(limit, NEAREST))
     at_near = excess(np.arange(len(near)), near)

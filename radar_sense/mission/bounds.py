@@ -155,4 +155,4 @@ def pooled_quantiles(tails: FloatArray, ranks: FloatArray) -> FloatArray:
         rank = np.column_stack([first, last]) / len(tails)
         quantiles.append(np.interp(ranks[len(ranks) // 2], np.ravel(rank), np.repeat(values, 2)))
     # where no radar sees the aircraft, nothing changes
-    return np.asarray(np.array(quantiles)[np.cumsum(changed) - 1])
+    return np.array(quantiles)[np.cumsum(changed) - 1]

@@ -209,7 +209,7 @@ def widened_normals(
     J. Conover, Technometrics 21(2), 1979).
     """
     order = generator.permuted(np.tile(np.arange(draws), (normals, 1)), axis=1)
-    values = np.asarray(ndtri((order.T + generator.random((draws, normals))) / draws))
+    values = ndtri((order.T + generator.random((draws, normals))) / draws)
     values[generator.permutation(draws) < SHARE * draws] *= WIDTH
     squares = np.sum(values * values, axis=1)
     ratio = np.exp(0.5 * (1.0 - WIDTH**-2) * squares) / WIDTH**normals

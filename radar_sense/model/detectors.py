@@ -108,8 +108,7 @@ class North:
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
         """Return P_D (...) at signal-to-noise ratios (...) not below zero."""
-        p_d: FloatArray = ndtr(math.sqrt(2.0) * (np.sqrt(snr + 0.5) - math.sqrt(-math.log(p_fa))))
-        return p_d
+        return ndtr(math.sqrt(2.0) * (np.sqrt(snr + 0.5) - math.sqrt(-math.log(p_fa))))
 
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
         """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""

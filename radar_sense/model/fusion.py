@@ -33,15 +33,13 @@ def either(p: FloatArray, q: FloatArray) -> FloatArray:
 def fuse_probits(z: FloatArray) -> FloatArray:
     """Return the fused z (...) of the z_i (m, ...), from the lesser of P_D and 1 − P_D."""
     if len(z) == 1:
-        one: FloatArray = z[0]
-        return one
+        return z[0]
     missed = np.sum(log_ndtr(-z), axis=0)  # ln Q
     upper = missed < _LOG_HALF
     rare = z.max(axis=0) < _RARE
     hit = np.log(-np.expm1(np.where(rare | upper, -1.0, missed)))
     hit = np.where(rare, np.logaddexp.reduce(log_ndtr(np.where(rare, z, 0.0)), axis=0), hit)
-    fused: FloatArray = np.where(upper, -ndtri_exp(missed), ndtri_exp(np.where(upper, -1.0, hit)))
-    return fused
+    return np.where(upper, -ndtri_exp(missed), ndtri_exp(np.where(upper, -1.0, hit)))
 
 
 def linearize_fusion(z: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -56,7 +54,7 @@ def slopes_of_p_d(z: FloatArray) -> FloatArray:
     """Return ∂P_D/∂z_i (m, ...) = exp(ln Q − ln Q_i) φ(z_i) for the z_i (m, ...)."""
     if len(z) == 1:
         return density(z)
-    return np.asarray(np.exp(_missed_by_others(z)) * density(z))
+    return np.exp(_missed_by_others(z)) * density(z)
 
 
 def excess_hazard(z: FloatArray) -> FloatArray:
@@ -70,10 +68,8 @@ def excess_hazard(z: FloatArray) -> FloatArray:
     z, e(z) is the continued fraction 1/(z + 2/(z + 3/(z + …))) (DLMF 7.9.1).
     """
     large = np.maximum(z, _LARGE)
-    excess: FloatArray = np.where(
-        z < _LARGE, hazard(z) - z, 1.0 / (large + 2.0 / (large + 3.0 / (large + 4.0 / large)))
-    )
-    return excess
+    fraction = 1.0 / (large + 2.0 / (large + 3.0 / (large + 4.0 / large)))
+    return np.where(z < _LARGE, hazard(z) - z, fraction)
 
 
 def _missed_by_others(z: FloatArray) -> FloatArray:

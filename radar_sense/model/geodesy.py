@@ -145,8 +145,7 @@ def turn_to_origin(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
 
     The columns of M are north, east and down of the place in the frame of the origin.
     """
-    turn: FloatArray = np.matmul(ned_axes(origin), np.swapaxes(ned_axes(geodetic), -1, -2))
-    return turn
+    return np.matmul(ned_axes(origin), np.swapaxes(ned_axes(geodetic), -1, -2))
 
 
 def turn_from_level(ned: ArrayLike, origin: ArrayLike) -> FloatArray:
@@ -179,8 +178,7 @@ def turned_attitude_jacobian(attitude: FloatArray, turned: FloatArray) -> FloatA
     roll, pitch = attitude[..., 0], attitude[..., 1]
     sin, cos, across = np.sin(roll), np.cos(roll), np.cos(pitch)
     rates = ((one, zero, -np.sin(pitch)), (zero, cos, sin * across), (zero, -sin, cos * across))
-    jacobian: FloatArray = np.matmul(_matrix(inverse), _matrix(rates))
-    return jacobian
+    return np.matmul(_matrix(inverse), _matrix(rates))
 
 
 def body_axes(attitude: ArrayLike) -> FloatArray:

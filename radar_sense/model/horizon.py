@@ -35,8 +35,7 @@ def horizon_range(radar_height: FloatArray, target_height: FloatArray) -> FloatA
     A height below the surface counts as 0.
     """
     roots = np.sqrt(np.maximum(radar_height, 0.0)) + np.sqrt(np.maximum(target_height, 0.0))
-    farthest: FloatArray = np.sqrt(2.0 * EFFECTIVE_RADIUS) * roots
-    return farthest
+    return np.sqrt(2.0 * EFFECTIVE_RADIUS) * roots
 
 
 @dataclass(frozen=True)

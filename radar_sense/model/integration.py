@@ -318,8 +318,7 @@ def _log_binomial(
     j = j[:, np.newaxis]
     terms = np.log(comb(n, j)) + (j - p_out) * log_p + (n - j - q_out) * log_q
     top = terms.max(axis=0)
-    total: FloatArray = top + np.log(np.exp(terms - top).sum(axis=0))
-    return total
+    return top + np.log(np.exp(terms - top).sum(axis=0))
 
 
 def _threshold(n: int, b: float, p_fa: float) -> float:
@@ -395,7 +394,4 @@ def _ratio(k: Any, mean: float, shape: float) -> Any:
 
 def _above(k: int, mean: FloatArray, shape: float) -> FloatArray:
     """Return the probability of k or more of a negative binomial or Poisson count."""
-    above: FloatArray = (
-        gammainc(k, mean) if math.isinf(shape) else betainc(k, shape, mean / (shape + mean))
-    )
-    return above
+    return gammainc(k, mean) if math.isinf(shape) else betainc(k, shape, mean / (shape + mean))

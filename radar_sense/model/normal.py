@@ -17,5 +17,4 @@ def density(z: FloatArray) -> FloatArray:
 
 def hazard(z: FloatArray) -> FloatArray:
     """Return φ(z)/Φ(−z) (...), finite in both tails; the inverse of Mills' ratio."""
-    ratio: FloatArray = math.sqrt(2.0 / math.pi) / erfcx(z / math.sqrt(2.0))
-    return ratio
+    return math.sqrt(2.0 / math.pi) / erfcx(z / math.sqrt(2.0))

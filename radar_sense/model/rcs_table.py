@@ -173,8 +173,7 @@ class TableRCS(ReadOnly):
             return np.zeros(elevation.shape, dtype=bool)
         rounding = 1e-9
         low, high = self.elevation[0] - rounding, self.elevation[-1] + rounding
-        outside: NDArray[np.bool_] = (elevation < low) | (elevation > high)
-        return outside
+        return (elevation < low) | (elevation > high)
 
     def _check(self) -> None:
         for name in ("azimuth", "rcs"):
@@ -288,8 +287,7 @@ class _Axis:
         power = [spline(start, order) / math.factorial(order) for order in (3, 2, 1, 0)]
         for coefficient in power[:3]:
             coefficient[~inside] = 0.0
-        coefficients: FloatArray = BPoly.from_power_basis(PPoly(np.stack(power), edges)).c
-        return coefficients
+        return BPoly.from_power_basis(PPoly(np.stack(power), edges)).c
 
     def with_control(self, values: FloatArray) -> FloatArray:
         """Return coefficients (4, cells, ...) of the cubic B-spline with control values (n, ...).

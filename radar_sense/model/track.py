@@ -34,7 +34,7 @@ def over_ground(velocity: FloatArray, down: FloatArray | None) -> FloatArray:
     """Return velocities (n, 3) without the part along down (n, 3), None if that is (0, 0, 1)."""
     if down is None:
         return velocity * [1.0, 1.0, 0.0]
-    return np.asarray(velocity - np.sum(velocity * down, axis=-1, keepdims=True) * down)
+    return velocity - np.sum(velocity * down, axis=-1, keepdims=True) * down
 
 
 def velocity_on_legs(
@@ -49,7 +49,7 @@ def velocity_on_legs(
 def hovering(time: FloatArray, position: FloatArray, down: FloatArray | None) -> NDArray[np.bool_]:
     """Return whether the aircraft hovers (n − 1,) from row to row."""
     level, _ = velocity_on_legs(time, position, down)
-    return np.asarray(np.linalg.norm(level, axis=1) < HOVER)
+    return np.linalg.norm(level, axis=1) < HOVER
 
 
 def largest_climb(

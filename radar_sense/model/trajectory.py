@@ -77,7 +77,7 @@ class Route(ReadOnly):
         if self.origin is None:
             return None
         turn = geodesy.turn_from_level(self.aircraft[:, POSITION], self.origin)
-        return np.asarray(turn[..., DOWN])
+        return turn[..., DOWN]
 
     @cached_property
     def hovers(self) -> NDArray[np.bool_]:
@@ -162,7 +162,7 @@ def _limited(slope: FloatArray, leg: FloatArray) -> FloatArray:
     least = np.minimum(*(np.sum(slope * of, axis=1, keepdims=True) for of in (before, after)))
     slope = np.where(least < -_ROUNDING * given, given * between, slope)
     most = 2.0 * np.minimum(np.vstack([size[:1], size]), np.vstack([size, size[-1:]]))
-    return np.asarray(slope * np.divide(most, given, out=np.ones_like(given), where=given > most))
+    return slope * np.divide(most, given, out=np.ones_like(given), where=given > most)
 
 
 def resample(route: Route, step_s: float, method: str = "legs") -> Route:
@@ -215,8 +215,7 @@ def even_times(time_s: FloatArray, step_s: float, name: str = "step_s") -> Float
     steps = math.floor((last - first) / step_s * (1 + 1e-12) + 1e-9)
     if steps >= MAX_ROWS:
         raise _too_many(step_s, name)
-    time: FloatArray = np.minimum(first + step_s * np.arange(steps + 1), last)
-    return time
+    return np.minimum(first + step_s * np.arange(steps + 1), last)
 
 
 def _too_many(step_s: float, name: str = "step_s") -> InputError:

@@ -67,17 +67,17 @@ class Verdict:
     @property
     def stable(self) -> NDArray[np.bool_]:
         """Where twice the standard errors are within δ (n,), the rule of 7.9.4."""
-        return np.asarray((2.0 * self.error <= self.delta).all(axis=0))
+        return np.all(2.0 * self.error <= self.delta, axis=0)
 
     @property
     def agrees(self) -> NDArray[np.bool_]:
         """Where the draws are stable, and all values within δ of those by draws (n,)."""
-        return self.stable & np.asarray((self.distance <= self.delta).all(axis=0))
+        return self.stable & np.all(self.distance <= self.delta, axis=0)
 
     @property
     def differs(self) -> NDArray[np.bool_]:
         """Where a distance exceeds δ by `ERRORS` standard errors, or has no value (n,)."""
-        return ~np.asarray((self.distance <= self.delta + ERRORS * self.error).all(axis=0))
+        return ~np.all(self.distance <= self.delta + ERRORS * self.error, axis=0)
 
     @property
     def undecided(self) -> NDArray[np.bool_]:

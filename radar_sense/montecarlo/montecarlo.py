@@ -92,8 +92,7 @@ class MonteCarlo(DrawStatistics):
         """
         ends = (self.lower, self.band.lower), (self.upper, self.band.upper)
         same = [abs(drawn - end) <= ROUNDING * abs(self.band.p_d) for drawn, end in ends]
-        expected: FloatArray = self.expected + np.sum(same, axis=0) * (1.0 - self.expected) / 2.0
-        return expected
+        return self.expected + np.sum(same, axis=0) * (1.0 - self.expected) / 2.0
 
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
         """Return the binomial confidence interval of the coverage, lower and upper ends (n,).

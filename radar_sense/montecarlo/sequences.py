@@ -92,8 +92,7 @@ class Sobol(UnitNormals):
 
 def _normal(bits: NDArray[np.uint32]) -> FloatArray:
     """Return unit normals from whole coordinates; half a bit keeps the normals finite."""
-    normal: FloatArray = ndtri((bits + 0.5) * _UNIT)
-    return normal
+    return ndtri((bits + 0.5) * _UNIT)
 
 
 #: The kinds by name.

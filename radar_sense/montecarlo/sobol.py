@@ -127,7 +127,7 @@ def jackknife_error(without_one: FloatArray) -> FloatArray:
     Few samples make a ratio skewed, and its error to first order would be too small (B. Efron and
     C. Stein, Ann. Statist. 9(3), 1981).
     """
-    return np.asarray(np.sqrt((len(without_one) - 1) * np.var(without_one, axis=0)))
+    return np.sqrt((len(without_one) - 1) * np.var(without_one, axis=0))
 
 
 def _joined(

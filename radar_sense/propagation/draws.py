@@ -224,8 +224,7 @@ class _Strata:
         total = self._sum(self.weights * values)
         mean = np.divide(total, self._mass, out=np.zeros(self._shape), where=self._mass > 0)
         residual = self.weights * (values - self._each(mean))
-        error: FloatArray = np.sqrt(np.sum(residual * residual, axis=1))
-        return error
+        return np.sqrt(np.sum(residual * residual, axis=1))
 
     def share(self, inside: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
         """Return the weight of the draws that are inside (k, n), and its standard error (k,).
@@ -245,7 +244,7 @@ class _Strata:
 
     def _each(self, values: FloatArray) -> FloatArray:
         """Return the values of the strata (k, s) at each draw (k, n)."""
-        return np.asarray(values.ravel()[self._place])
+        return values.ravel()[self._place]
 
 
 def _estimate(
@@ -288,7 +287,7 @@ def _quantile(
 
     def first(level: FloatArray | float) -> NDArray[np.intp]:
         index = np.count_nonzero(mass < level, axis=1, keepdims=True)
-        return np.asarray(np.minimum(index, number[-1]))
+        return np.minimum(index, number[-1])
 
     def at(index: NDArray[np.intp]) -> FloatArray:
         return np.take_along_axis(values, np.take_along_axis(order, index, axis=1), axis=1)

@@ -291,7 +291,7 @@ def _approach(states: UncertainStates, beta: float, number: int) -> FloatArray:
         gradient = _gradient(states, (POSITION, way / distance), (position, -way / distance))
         by_u = states.by_normals(*gradient, states.radar)
         std = np.sqrt(np.sum(by_u * by_u, axis=1, keepdims=True))
-        centre: FloatArray = by_u / std * np.minimum(beta, distance / std)
+        centre = by_u / std * np.minimum(beta, distance / std)
     return np.nan_to_num(centre)
 
 

@@ -67,7 +67,7 @@ class Form(Distribution):
             z = z[np.flatnonzero(beta == NODES)]
         else:
             z, floor, _ = self._quantiles(np.array([beta]))
-        return np.asarray(ndtr(np.maximum(z[0], floor)))
+        return ndtr(np.maximum(z[0], floor))
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,), which is Φ(−β) for the β whose quantile of P_D is p_max.
@@ -300,8 +300,7 @@ def quadratic_quantile(g: FloatArray, lam: FloatArray, betas: FloatArray) -> Flo
         w[left] = new
         left = left[np.abs(beta_here - target) > 1e-9]
     x[left[np.arcsinh(high[left]) - np.arcsinh(low[left]) > UNSETTLED]] = np.nan
-    quantile: FloatArray = spread * x.reshape(n, k)
-    return quantile
+    return spread * x.reshape(n, k)
 
 
 def _beta_at(
@@ -342,7 +341,7 @@ def _integration() -> tuple[FloatArray, FloatArray]:
 def _along(spline: FloatArray, z: FloatArray) -> FloatArray:
     """Return the spline (p, k) of quantiles of z (n, k). Only what changes with β is rounded."""
     middle = z[len(z) // 2]
-    return np.asarray(middle + spline @ (z - middle))
+    return middle + spline @ (z - middle)
 
 
 def _spline(nodes: FloatArray, x: FloatArray) -> FloatArray:
@@ -356,4 +355,4 @@ def _spline(nodes: FloatArray, x: FloatArray) -> FloatArray:
         at = at[:, np.newaxis]
         return np.hstack([at ** np.arange(4), np.maximum(at - nodes[2:-2], 0.0) ** 3])
 
-    return np.asarray(basis(x) @ np.linalg.inv(basis(nodes)))
+    return basis(x) @ np.linalg.inv(basis(nodes))

@@ -270,7 +270,7 @@ def _unreliable(
     states: UncertainStates, moments: Moments, method: str, beta: float
 ) -> NDArray[np.bool_]:
     if method == AUTOMATIC:
-        return np.asarray(~(moments.error <= BOUND_CHANGE))
+        return ~(moments.error <= BOUND_CHANGE)
     _foresee(states, draws_at_first(states))
     bounds = moments.lower, moments.upper
     drawn, confirmed, _ = judged(

@@ -27,11 +27,11 @@ class PlainDraws(Distribution):
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
-        return np.asarray(self._drawn(abs(beta)).bounds[0][int(beta >= 0)])
+        return self._drawn(abs(beta)).bounds[0][int(beta >= 0)]
 
     def error(self, beta: float) -> FloatArray:
         """Return the greater standard error of the bounds at ±β (k,)."""
-        return np.asarray(np.max(self._drawn(abs(beta)).bounds[1], axis=0))
+        return np.max(self._drawn(abs(beta)).bounds[1], axis=0)
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,)."""

@@ -28,11 +28,11 @@ class Probit(Distribution):
         self._m, by_aircraft, by_radar = self._gradient
         of_aircraft = variance_along(by_aircraft, states.cov_aircraft)
         self._s = np.sqrt(of_aircraft + variance_along(by_radar, states.cov_radar))
-        self.p_d = np.asarray(ndtr(self._m))
+        self.p_d = ndtr(self._m)
 
     def quantile(self, beta: float) -> FloatArray:
         """Return Φ(m + βs) (k,)."""
-        return np.asarray(ndtr(self._m + beta * self._s))
+        return ndtr(self._m + beta * self._s)
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,), which is P(z > z_max) for normal z."""

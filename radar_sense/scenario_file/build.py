@@ -67,8 +67,7 @@ def build(file: sections.File, again: Callable[[Mapping[str, Any]], Scenario]) -
 
 def _rcs(stated: Any) -> RCS:
     if not isinstance(stated, sections.Table):
-        model: RCS = stated
-        return model
+        return stated
     mirror, degrees = stated.mirror, stated.envelope_deg
     envelope = None if degrees is None else degrees * DEG
     return read_named(stated, "an RCS table", lambda file: read_rcs_table(file, mirror, envelope))

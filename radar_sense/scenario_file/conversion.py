@@ -97,5 +97,4 @@ def _matrix(rows: Sequence[Sequence[float]], place: Place) -> FloatArray:
     problem = covariance.problem(matrix)
     if problem:
         raise place.error(problem)
-    symmetric: FloatArray = (matrix + matrix.T) / 2
-    return symmetric
+    return (matrix + matrix.T) / 2
