@@ -108,6 +108,10 @@ class Option:
 
 #: Keywords of every command, which choose what the scenario states.
 _OF_SCENARIO = ("level", "radar", "method", "runs", "seed")
+#: The errors of every command, for its docstring.
+_RAISES = (
+    "\nRaises:\n    InputError: If the scenario or an option is not one that the command takes.\n"
+)
 #: Beginning of the meaning of a column of one radar alone.
 OF_RADAR = "For radar "
 
@@ -293,7 +297,7 @@ class Command:
         formats: Formats of its figure, or of what else its result can be; () without a figure.
         varies: Whether it checks the scenarios that it makes of the given one itself.
         defaults: Defaults of the function by keyword.
-        help: The docstring of the function up to the errors.
+        help: The docstring of the function.
     """
 
     run: Callable[..., Any]
@@ -316,9 +320,8 @@ class Command:
         others = [name for name in _OF_SCENARIO if name not in self.defaults]
         shared = [inspect.Parameter(name, kind, default=None) for name in others]
         self.__signature__ = signature.replace(parameters=[scenario, *own, *shared])
-        about, *raises = (inspect.getdoc(self.run) or "").partition("\nRaises:")
-        self.help = about.strip()
-        self.__doc__ = f"{self.help}\n\nArgs:\n{self._arguments()}{''.join(raises)}"
+        self.help = inspect.getdoc(self.run) or ""
+        self.__doc__ = f"{self.help}\n\nArgs:\n{self._arguments()}{_RAISES}"
 
     def __call__(self, scenario: Scenario, *others: Any, **options: Any) -> Any:
         """Return the result of the command.

@@ -53,9 +53,6 @@ def budget(
     """Error budget: 3 sigma of P_D from each source alone.
 
     The method montecarlo gives Sobol' indices.
-
-    Raises:
-        InputError: If there is no such pose, or options do not go together.
     """
     axis, method, result = scenario.axis, scenario.method, Result(scenario)
     given = None if at is None else axis.pose_at(at)

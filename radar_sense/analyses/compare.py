@@ -59,9 +59,6 @@ def compare(
 
     The draws have an emphasis on the tails. A difference that they cannot tell from none is said to
     be so. Plain runs take their place if --runs, --sampler sobol or a cluster ask for them.
-
-    Raises:
-        InputError: If there is no such sampler.
     """
     plain = runs is not None or sampler != "random" or executor is not None
     scenario = scenario.with_analysis(runs=runs)

@@ -46,9 +46,6 @@ def convergence(scenario: Scenario, *, runs: int = 2**14, workers: int = 1) -> R
     Sobol' points are best for mean and sigma. Their error falls nearly as 1/runs. For 3-sigma
     quantiles the gain is smaller. Only random draws give the coverage a binomial confidence
     interval.
-
-    Raises:
-        InputError: If runs are out of range.
     """
     runs = 1 << (runs.bit_length() - 1)
     measured = measure(scenario, runs, workers=workers)

@@ -126,9 +126,6 @@ def coverage_map(
     route in the same colours, by P_D at the attitude of each pose. With an origin the map can be
     GeoJSON too: the contours of P_D and of the bound, the radars, and the route with P_D of each
     leg.
-
-    Raises:
-        InputError: If an option or the area is not allowed, or options exclude each other.
     """
     no_draws(scenario.method)
     # draws would take too long in every cell: they check some of the cells

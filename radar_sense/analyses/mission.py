@@ -117,9 +117,6 @@ def mission(
 
     A track is M detections in N consecutive looks. Radars of a network with the same period look
     together, as one radar. The network has a track when the radars of one period have a track.
-
-    Raises:
-        InputError: If the geometry has no times, or an option is not allowed.
     """
     window = _window(track, m, n)
     looks = Looks.of(scenario.with_analysis(runs=runs))

@@ -40,11 +40,7 @@ def montecarlo(
     workers: int = 1,
     executor: Executor | None = None,
 ) -> Result:
-    """Monte Carlo draws of P_D against the band of a method.
-
-    Raises:
-        InputError: If there is no such method or sampler.
-    """
+    """Monte Carlo draws of P_D against the band of a method."""
     axis, method = scenario.axis, scenario.method
     no_draws(method)
     result = Result(scenario)

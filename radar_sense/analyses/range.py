@@ -83,9 +83,6 @@ def detection_range(
     uncertainty of the range from the uncertain states and radar. By linear, sigma of the range is
     sigma of P_D divided by the slope of P_D along the ray. By other methods, the bounds of P_D have
     the value at the bounds of the range.
-
-    Raises:
-        InputError: If an option is not allowed, or a P_D is not between P_fa and 1.
     """
     method = scenario.method
     no_draws(method)

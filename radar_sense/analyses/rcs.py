@@ -54,9 +54,6 @@ def rcs(scenario: Scenario) -> Result:
 
     A scenario can use the written table, as `rcs: {model: table, file: ...}`, if no cross section
     in it is 0.
-
-    Raises:
-        InputError: If the radars have several bands with a cross section each.
     """
     if len(set(scenario.bands)) > 1:
         raise InputError(

@@ -85,9 +85,6 @@ def report(
     table. With --threshold or --at-least the page has this test too, and exit code 3 means that it
     is violated or not known. The page needs no network and no script. It ends with the command, the
     versions and the scenario.
-
-    Raises:
-        InputError: If an option is not allowed.
     """
     limits = {"threshold": threshold, "at_least": at_least}
     test = {**limits, "k": k, "probability": probability}

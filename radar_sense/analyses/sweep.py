@@ -80,9 +80,6 @@ def sweep(
     uncertainty.radar.medium.position_m or radars.NAME.p_fa. With a threshold the answer is where
     the test P_D + K sigma <= P_MAX holds. With --at-least it is where P_D - K sigma >= P_MIN holds,
     and the smallest P_D counts. Exit code 3 means that the test holds at none of the values.
-
-    Raises:
-        InputError: If an option is not allowed, or the scenario refuses a value.
     """
     try:
         values = steps(start, stop, step, MAX_VALUES)

@@ -42,9 +42,6 @@ def validate(scenario: Scenario, *, digits: int = 2, k: float = 3.0, workers: in
     Mean, sigma and K-sigma bounds of the method and of draws are compared, to the digits that
     matter (the tolerance of JCGM 101, clauses 7.9.2 and 8.1). The exit code is 3 if the method does
     not agree with the draws at every pose, or if the draws are too few to tell.
-
-    Raises:
-        InputError: If there is no such method, or digits are out of range.
     """
     axis, method = scenario.axis, scenario.method
     no_draws(method)

@@ -51,9 +51,6 @@ def variance(
     A threshold adds the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX). For
     radars that are to detect, --at-least adds P_D - K sigma >= P_MIN. Exit code 3 means that the
     test is violated or not known.
-
-    Raises:
-        InputError: If an option is not allowed.
     """
     axis, result = scenario.axis, Result(scenario)
     required = requirement(threshold, k, probability, at_least)

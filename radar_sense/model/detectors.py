@@ -49,11 +49,9 @@ class Detector(Protocol):
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
         """Return P_D (...)."""
-        ...
 
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
         """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
-        ...
 
 
 def check_detector(detector: Any, p_fa: float) -> None:

@@ -67,7 +67,6 @@ class Tails(Protocol):
 
     def tail(self, snr: FloatArray) -> Tail:
         """Return the lesser tail of P_D (n,) at mean signal-to-noise ratios (n,) of a pulse."""
-        ...
 
 
 class _Terms(NamedTuple):

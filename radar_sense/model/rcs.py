@@ -53,15 +53,12 @@ class RCS(Protocol):
     @property
     def detail(self) -> float:
         """Width [rad] of the narrowest lobe or cell of σ_r in azimuth and elevation."""
-        ...
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
-        ...
 
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
-        ...
 
 
 def check_rcs(rcs: Any) -> None:
