@@ -6,8 +6,6 @@ value within the limits of the radar. It may be at a limit, in another lobe, or 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,67 +15,56 @@ from radar_sense.model.detectors import required_snr
 from radar_sense.model.geometry import slant_range
 from radar_sense.propagation.draws import Estimate, estimate_of
 from radar_sense.states import FloatArray, slices
-from radar_sense.uncertain_states import MAX_NUMBERS, UncertainStates
+from radar_sense.uncertain_states import MAX_NUMBERS
 
 
-@dataclass(eq=False)
 class DrawnRanges:
-    """Slant ranges of drawn states along n rays.
+    """Slant ranges with a P_D of drawn states, along n rays.
 
-    Attributes:
+    Args:
         around: The rays.
         places: Places along the rays.
-        low, high: Uncertain states (n,) on each ray, at about the lower and upper bound of the
-            range: errors that lower P_D at the one matter, and those that raise it at the other.
-        snr: Signal-to-noise ratio at the range.
+        bounds: Distances (2, n) at about the lower and upper bound of the range: errors that lower
+            P_D at the one matter, and those that raise it at the other.
+        p_d: P_D at the range.
+
+    Attributes:
         looks: At how many places (n,) a draw was looked at, on average, of the last draws.
     """
 
-    around: Rays
-    places: Places
-    low: UncertainStates
-    high: UncertainStates
-    snr: float
-    looks: FloatArray
-
-    @classmethod
-    def about(
-        cls, around: Rays, places: Places, lower: FloatArray, upper: FloatArray, p_d: float
-    ) -> DrawnRanges:
-        """Return the ranges with a P_D, whose bounds (n,) are about these distances."""
+    def __init__(self, around: Rays, places: Places, bounds: FloatArray, p_d: float) -> None:
         (radar,) = around.limited.radars
-        snr = required_snr(radar.model.detector, radar.model.p_fa, p_d)
-        low, high = (around.at(end, limits=True).states() for end in (lower, upper))
-        return cls(around, places, low, high, snr, np.zeros(len(lower)))
+        self._around, self._places, self._radar = around, places, radar
+        self._snr = required_snr(radar.model.detector, radar.model.p_fa, p_d)
+        self._low, self._high = (around.at(end, limits=True).states() for end in bounds)
+        self.looks = np.zeros(bounds.shape[1])
 
     def estimate(self, rays: NDArray[np.intp], draws: int, beta: float) -> Estimate:
         """Return what draws say of the range along some rays (j,)."""
         size = MAX_NUMBERS // (2 * draws)
-        return Estimate.join(
-            [self._of(rays[part], draws, beta) for part in slices(len(rays), size)]
-        )
+        parts = (self._of(rays[part], draws, beta) for part in slices(len(rays), size))
+        return Estimate.join(list(parts))
 
     def _of(self, some: NDArray[np.intp], draws: int, beta: float) -> Estimate:
-        around, high = self.around.part(some), self.high.at(some)
-        (radar,) = around.limited.radars
+        around, high = self._around.part(some), self._high.at(some)
 
         def ranges(rows: slice, aircraft: FloatArray, radars: FloatArray) -> FloatArray:
-            nominal = self.places.states(around.part(rows))
+            nominal = self._places.states(around.part(rows))
             errors = aircraft - high.aircraft[rows, np.newaxis]
-            distance, self.looks[some[rows]] = self.places.farthest(
-                nominal, radar, self.snr, errors, radars
+            distance, self.looks[some[rows]] = self._places.farthest(
+                nominal, self._radar, self._snr, errors, radars
             )
-            return self._slant(slant_range(nominal, self.around.scenario.radar), distance)
+            return self._slant(slant_range(nominal, around.scenario.radar), distance)
 
-        return estimate_of(ranges, self.low.at(some), high, draws, beta)
+        return estimate_of(ranges, self._low.at(some), high, draws, beta)
 
     def _slant(self, at_places: FloatArray, distance: FloatArray) -> FloatArray:
         """Return slant ranges (j, n) at distances (j, n), from those (j, k) at the places.
 
         R² is taken to be linear in the square of the distance, as it is on a flat earth.
         """
-        reached = np.maximum(distance, self.places.distance[0])
-        low, square = self.places.below(reached), self.places.distance**2
+        reached = np.maximum(distance, self._places.distance[0])
+        low, square = self._places.below(reached), self._places.distance**2
         near = np.take_along_axis(at_places, low, axis=1) ** 2
         far = np.take_along_axis(at_places, low + 1, axis=1) ** 2
         part = (reached**2 - square[low]) / np.diff(square)[low]

@@ -125,12 +125,12 @@ def _drawn(
     # Without a range, errors matter where P_D has the value beyond a limit, or where it is highest.
     other = np.where(free > 0, free, seen.places.distance[np.argmax(seen.p_d, axis=1)])
     centre = np.where(reach.distance > 0, INSIDE * reach.distance, other)
-    at_centre = DrawnRanges.about(around, seen.places, centre, centre, value)
+    at_centre = DrawnRanges(around, seen.places, np.stack([centre, centre]), value)
     first = at_centre.estimate(np.arange(len(free)), FIRST, k)
     height_squared = around.slant_range(centre) ** 2 - centre**2
     distance = np.sqrt(np.maximum(first.bounds[0] ** 2 - height_squared, NEAREST**2))
-    lower, upper = np.where(first.bounds[0] > 0, distance, centre)
-    at_ends = DrawnRanges.about(around, seen.places, lower, upper, value)
+    bounds = np.where(first.bounds[0] > 0, distance, centre)
+    at_ends = DrawnRanges(around, seen.places, bounds, value)
     staged = StagedDraws.after(first, partial(at_ends.estimate, beta=k))
     return first, staged, np.minimum(LOOKS // at_centre.looks, PRECISE)
 
