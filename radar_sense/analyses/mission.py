@@ -160,8 +160,8 @@ def mission(
         result.report += _answer(name, found, scenario.level, axis, k)
     if radars:
         by_radar, rows = {}, []
-        periods = (radar.model.radars[0].scan_period for radar in looks.radars)
-        for one, period, times in zip(radars, periods, looks.times, strict=True):
+        for one, single, times in zip(radars, scenario.radars, looks.times, strict=True):
+            period = single.scan_period
             numbers = {"scan_period_s": period, "looks": len(times)}
             by_radar[one.radar] = {**numbers, **_summaries(one, axis, k)}
             of_events = ", ".join(
@@ -205,7 +205,7 @@ def _missions(
     looks: Looks, found: Sequence[list[Cumulative]], drawn: Sequence[DrawStatistics]
 ) -> list[Mission]:
     """Return the mission of the network, and that of each radar alone."""
-    schedule, p_d = looks.schedule, looks.nominal_p_d()
+    schedule, p_d = looks.schedule, looks.nominal_p_d
     times = np.arange(len(schedule.time))
     together = p_d_by_time(schedule, fuse(schedule.radars, p_d), times)[:, 0]
     network, *alone = (dict(zip(EVENTS, events, strict=False)) for events in found)

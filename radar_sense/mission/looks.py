@@ -8,6 +8,7 @@ time i is x̄_i + F_i u_i. The unit normals u_i have the covariance exp(−|t_i 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from radar_sense.errors import InputError
 from radar_sense.flight import Path
 from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.montecarlo.gauss_markov import correlate
-from radar_sense.scenario import Scenario, single_radar_scenarios
+from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray, of_each
 
 
@@ -29,14 +30,12 @@ class Looks:
     Attributes:
         scenario: The scenario, with a pose for each of K times.
         schedule: The times of the looks.
-        radars: The scenario of each radar by itself (m,).
         times: The times, 0 to K − 1, of the looks of each radar (m,).
         sqrt_cov: F (6, 6), or (K, 1, 6, 6) with F Fᵀ = C_aa.
     """
 
     scenario: Scenario
     schedule: Schedule
-    radars: tuple[Scenario, ...]
     times: tuple[NDArray[np.intp], ...]
     sqrt_cov: FloatArray
 
@@ -57,7 +56,6 @@ class Looks:
         return cls(
             scenario=scenario,
             schedule=schedule,
-            radars=tuple(single_radar_scenarios(scenario).values()) or (scenario,),
             times=tuple(schedule.times_of(i) for i in range(len(scenario.model.radars))),
             sqrt_cov=root if root.ndim == 2 else root[:, np.newaxis],
         )
@@ -84,8 +82,9 @@ class Looks:
             p_d[seen] = np.where(visible[seen], within, 0.0)
         return p_d.reshape(len(p_d), -1)
 
+    @cached_property
     def nominal_p_d(self) -> list[FloatArray]:
-        """Return P_D (L, 1) of the looks of each radar (m,) with the nominal states."""
+        """P_D (L, 1) of the looks of each radar (m,) with the nominal states."""
         poses = self.scenario.aircraft[:, np.newaxis]
         states = of_each(self.scenario.radar, len(self.scenario.radars))
         return [self.p_d(i, poses, s[np.newaxis, np.newaxis]) for i, s in enumerate(states)]

@@ -40,6 +40,7 @@ from radar_sense.mission.bounds import (
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.tracks import event_probabilities, m_of_n_track
 from radar_sense.model.fusion import either
+from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.statistics import REPLICATES
@@ -76,7 +77,7 @@ def recombined_missions(
     radar has one entry. Tracks are m detections of n looks. Bounds are at kσ, with k at most 3: the
     draws reach no farther. The result does not depend on the number of workers.
     """
-    p_d, plan = looks.nominal_p_d(), _Plan.of(looks, m_of_n, ranks_about(k))
+    p_d, plan = looks.nominal_p_d, _Plan.of(looks, m_of_n, ranks_about(k))
     plan.foresee(workers)
     replicates = []
     for replicate in in_order(plan.replicate, REPLICATES, workers):
@@ -120,11 +121,12 @@ class _Plan:
         """Choose the numbers of draws, and the looks at which P_D of candidates is computed."""
         scenario = looks.scenario
         # an error that radars share, of the RCS or of their type, keeps them together
-        states, whole = [s.states() for s in looks.radars], scenario.states()
+        whole = scenario.states()
+        states = [whole.of_radars([i]) for i in range(len(scenario.radars))]
         apart = block_diagonal([own.cov_radar[0] for own in states])
         states = states if np.array_equal(whole.cov_radar[0], apart) else [whole]
         screening = []
-        for p_d, times in zip(looks.nominal_p_d(), looks.times, strict=True):
+        for p_d, times in zip(looks.nominal_p_d, looks.times, strict=True):
             total = np.cumsum(p_d)
             level = (np.arange(SCREENING_LOOKS) + 0.5) / SCREENING_LOOKS * total[-1]
             screening.append(times[np.searchsorted(total, level)])
@@ -195,7 +197,8 @@ class _Plan:
         p_d = np.zeros(len(weight))
         for i, own in enumerate(by_radar, start=first):
             aircraft = self.looks.scenario.aircraft[self.screening[i], np.newaxis]
-            p_d += self.looks.radars[i].model.p_d(aircraft, own).sum(axis=0)
+            radar = NetworkModel(self.looks.scenario.radars[i : i + 1])
+            p_d += radar.p_d(aircraft, own).sum(axis=0)
         chosen, weight = choose(generator, p_d, weight, draws)
         return [own[chosen] for own in by_radar], weight
 

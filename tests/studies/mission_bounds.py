@@ -146,7 +146,7 @@ def compare(name: str, scenario: rs.Scenario, window: tuple[int, int], runs: int
     bounds = recombined_missions(looks, window)[0]
     seconds = time.process_time() - start
     print(
-        f"{name}: {len(looks.radars)} radars, {sum(map(len, looks.times))} looks of radars, "
+        f"{name}: {len(looks.times)} radars, {sum(map(len, looks.times))} looks of radars, "
         f"{window[0]} of {window[1]}, {scenario.correlation_s:g} s; {seconds:.1f} s of CPU"
     )
     extremes = plain_draws(looks, window, runs)
