@@ -13,7 +13,6 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -350,8 +349,6 @@ class Command:
     def _own(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return the options of the function, checked. None is allowed where it is the default."""
         declared = {option.name: option for option in self.options}
-        if not isinstance(options.get("executor"), Executor | None):
-            raise InputError(f"executor must be an Executor, got {describe(options['executor'])}")
         own = {}
         for name, value in options.items():
             if name in self.defaults:

@@ -77,8 +77,7 @@ def checked(whose: str, covariance: ArrayLike, n: int) -> FloatArray:
         raise InputError(
             f"{whose} covariance must have shape (..., {n}, {n}), got {matrices.shape}"
         )
-    wrong = first_wrong(matrices.reshape(-1, n, n))
-    if wrong:
+    if wrong := first_wrong(matrices.reshape(-1, n, n)):
         place = at_pose([int(i) for i in np.unravel_index(wrong[0], matrices.shape[:-2])])
         raise InputError(f"{whose} covariance{place} {wrong[1]}")
     return matrices

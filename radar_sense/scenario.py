@@ -143,8 +143,7 @@ class Scenario:
                     f"all radars must have the levels {', '.join(self.levels)}, radar "
                     f"{radar.name!r} has {', '.join(radar.levels)}"
                 )
-        problem = name_problem(self.model.names, self.bands, self.types)
-        if problem:
+        if problem := name_problem(self.model.names, self.bands, self.types):
             raise InputError(problem)
 
     def _check_poses(self) -> None:
@@ -176,8 +175,7 @@ class Scenario:
                 f"covariance of the aircraft must have shape {size} or {(count, *size)}, "
                 f"got {geometry.covariance.shape}"
             )
-        wrong = covariance.first_wrong(geometry.covariance.reshape(-1, *size))
-        if wrong:
+        if wrong := covariance.first_wrong(geometry.covariance.reshape(-1, *size)):
             pose = f" at pose {wrong[0]}" if geometry.covariance.ndim == 3 else ""
             raise InputError(f"covariance of the aircraft{pose} {wrong[1]}")
 

@@ -254,8 +254,7 @@ def _warnings(cells: Grid, shown: Plane, method: str, unknown: int) -> Iterator[
     scenario, of_all = cells.scenario, f"of {shown.size:,} cells"
     if unknown:
         yield warning("cells-unknown", f"no number in {unknown:,} {of_all} (NaN in the file)")
-    beyond = int(np.count_nonzero(shown > 1))
-    if beyond:
+    if beyond := int(np.count_nonzero(shown > 1)):
         yield warning("band-outside", f"the {method} bound exceeds 1 in {beyond:,} {of_all}")
     tables = [
         (model.rcs, state)

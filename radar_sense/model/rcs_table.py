@@ -107,9 +107,7 @@ class TableRCS(ReadOnly):
             cells = _interpolated(around, upward, np.log(self.rcs))
         else:
             around, upward, cells = _enveloped(around, upward, np.log(self.rcs), self.envelope)
-        object.__setattr__(self, "_around", around)
-        object.__setattr__(self, "_upward", upward)
-        object.__setattr__(self, "_cells", cells)
+        vars(self).update(_around=around, _upward=upward, _cells=cells)
         if self.std_db is not None:
             spread = TableRCS(self.azimuth, self.std_db, self.elevation)
             object.__setattr__(self, "spread", spread)
@@ -185,8 +183,7 @@ class TableRCS(ReadOnly):
         for name, angles in axes.items():
             if angles.ndim != 1 or not angles.size or not np.all(np.isfinite(angles)):
                 raise InputError(f"{name} must be finite and of shape (n,), with n > 0")
-            problem = out_of_order(name, angles) or gap(name, angles)
-            if problem:
+            if problem := out_of_order(name, angles) or gap(name, angles):
                 raise InputError(problem[1])
         if self.azimuth[0] < -np.pi or self.azimuth[-1] > math.tau:
             raise InputError("azimuth must lie between -pi and 2 pi")
@@ -207,8 +204,7 @@ class TableRCS(ReadOnly):
         for values, unit in ((self.rcs, "m^2"), (self.std_db, "dB")):
             if self.elevation is None or values is None:
                 continue
-            pole = differs_at_a_pole(self.elevation, values, unit)
-            if pole:
+            if pole := differs_at_a_pole(self.elevation, values, unit):
                 raise InputError(pole[1])
         if self.envelope is not None:
             object.__setattr__(self, "envelope", check_number("envelope", self.envelope, POSITIVE))

@@ -40,14 +40,16 @@ def build(file: sections.File, again: Callable[[Mapping[str, Any]], Scenario]) -
     geometry = _geometry(file)
     radars = radars_of(file, rcs, geometry)
     refuse_unused_types(file)
+    place, whole = file.geometry.place, geometry.whole
     for radar in radars:
-        _refuse_collision(file.geometry.place, geometry.whole, radar)
-        _refuse_uncovered(file.geometry.place, geometry.whole, radar)
+        if text := whole.collision(radar, f"{whole.axis.name} "):
+            raise place.error(text)
+        _refuse_uncovered(place, whole, radar)
     geometry = _with_covariance(file.uncertainty, geometry)
     try:
         geometry.covariance_in_frame  # noqa: B018 - kept, or refused with its place in the file
     except InputError as error:
-        raise file.geometry.place.error(f"{error}") from error
+        raise place.error(f"{error}") from error
     scenario = Scenario(
         name=file.name,
         radars=radars,
@@ -155,14 +157,6 @@ def _rcs_db(stated: sections.PoseUncertainty | None, rcs: Mapping[str, RCS]) -> 
             "the uncertainty of the RCS"
         )
     return float(stated.rcs_db)
-
-
-# Checks of the radars against the poses.
-
-
-def _refuse_collision(place: Place, geometry: Geometry, radar: Radar) -> None:
-    if text := geometry.collision(radar, f"{geometry.axis.name} "):
-        raise place.error(text)
 
 
 def _refuse_uncovered(place: Place, geometry: Geometry, radar: Radar) -> None:

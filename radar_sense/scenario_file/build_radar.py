@@ -123,7 +123,9 @@ def _radar(
         scan_period=None if period is None else float(period),
         sheet=sheet,
         band=band,
-        mask=_mask(stated, axes),
+        mask=None
+        if stated.mask is None
+        else Mask(*read_named(stated.mask, "a file of a mask", read_mask), axes=axes),
     )
 
 
@@ -139,12 +141,6 @@ def _factors(stated: sections.Radar, axes: FloatArray) -> Iterator[Factor]:
         yield ElevationGain(*curve, stated.tilt_deg * DEG, axes=axes)
     elif stated.tilt_deg:
         raise stated.place["tilt_deg"].error("needs elevation_gain, the gain that is tilted")
-
-
-def _mask(stated: sections.Radar, axes: FloatArray) -> Mask | None:
-    if stated.mask is None:
-        return None
-    return Mask(*read_named(stated.mask, "a file of a mask", read_mask), axes=axes)
 
 
 def _band(stated: sections.Radar, rcs: Mapping[str, RCS]) -> str:

@@ -94,7 +94,6 @@ def covariance_of(
 
 def _matrix(rows: Sequence[Sequence[float]], place: Place) -> FloatArray:
     matrix = np.array(rows)
-    problem = covariance.problem(matrix)
-    if problem:
+    if problem := covariance.problem(matrix):
         raise place.error(problem)
     return (matrix + matrix.T) / 2

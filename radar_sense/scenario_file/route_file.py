@@ -281,8 +281,7 @@ def _covariance(file: TableFile, rows: FloatArray) -> FloatArray | None:
             covariance[block, range(6), range(6)] = (numbers * _COV_UNITS) ** 2
             continue
         numbers[np.abs(numbers) < _LEAST_COVARIANCE] = 0.0
-        problem = first_wrong(numbers[:, _ENTRY])
-        if problem:
+        if problem := first_wrong(numbers[:, _ENTRY]):
             raise file.error(f"covariance {problem[1]}", file.lines[block][problem[0]])
         covariance[block] = numbers[:, _ENTRY] * np.outer(_COV_UNITS, _COV_UNITS)
     return covariance
