@@ -1,6 +1,7 @@
 """Bounds of missions against plain loops that share no code with the package."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,6 +73,20 @@ def drawn_interval(rows, level):
     rows, rank = np.sort(rows, axis=1), level * rows.shape[1]
     error = 3 * math.sqrt(rows.shape[1] * level * (1 - level))
     return [rows[:, int(np.clip(r, 0, rows.shape[1] - 1))] for r in (rank - error, rank + error)]
+
+
+def test_radars_with_tolerances_of_their_own_are_drawn_apart(tmp_path):
+    """Their variances are sums of squares, which round differently in a network and alone."""
+    s, rng = load(tmp_path, ("one", "two", "three"), 60.0), np.random.default_rng(1)
+    for _ in range(10):
+        radars = []
+        for radar in s.radars:
+            std = rng.uniform(0.1, 1.0, size=4)
+            parts = [rs.Tolerance(f"part_{i}", 5.0, x, -1, True) for i, x in enumerate(std)]
+            level = rs.Level(radar.levels["one"].covariance, tuple(parts))
+            radars.append(replace(radar, levels={"one": level}))
+        looks = Looks.of(replace(s, radars=tuple(radars)))
+        assert len(recombined._Plan.of(looks, None, RANKS).states) == 3
 
 
 @pytest.mark.parametrize(
