@@ -104,7 +104,7 @@ class Geometry(ReadOnly):
         """Return the poses of the flight at other coordinates (k,), in any order."""
         raise InputError("there is no flight from pose to pose")
 
-    def collision(self, radar: Radar, what: str = "") -> str | None:
+    def collision(self, radar: Radar, what: str) -> str | None:
         """Return where the aircraft is on top of a radar, in words; None if nowhere."""
         distance = slant_range(self.aircraft, np.asarray(radar.state))
         nearest = int(np.argmin(distance))

@@ -378,7 +378,7 @@ def scaled(
     """
     every = sources_of(scenario)
     chosen = [every[name] for name in names]
-    covariances = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
+    covariances = _covariances(scenario)
     for owner, matrix in covariances.items():
         scale = np.full(matrix.shape[-1], others)
         for source in chosen:
@@ -396,18 +396,18 @@ def scaled(
     )
 
 
-def _without_tolerances(scenario: Scenario) -> FloatArray:
-    """Return C_rr (7m, 7m) without the variance of c_r that is of tolerances."""
+def _covariances(scenario: Scenario) -> dict[str, FloatArray]:
+    """Return C_aa, and C_rr (7m, 7m) without variances of tolerances of c_r, by owner."""
     states = scenario.states()
-    return covariance.without_components(states.cov_radar[0], states.log_constants)
+    of_radars = covariance.without_components(states.cov_radar[0], states.log_constants)
+    return {"aircraft": scenario.cov_aircraft, "radar": of_radars}
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
     states, every = scenario.states(), sources_of(scenario, SOURCE, PART)
     shown = sources_of(scenario, SOURCE)
-    matrices = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
     # with an attenuation in a network ε is an input too, even if the RCS is certain
-    for whose, matrix in matrices.items():
+    for whose, matrix in _covariances(scenario).items():
         between = matrix.copy()
         for source in shown.values():
             if source.owner == whose:

@@ -505,7 +505,7 @@ def p_d_each(network, aircraft, radar):
 def nonlinear_by_its_own_moments(scenario, method):
     """Return where (n,) a method's own moments of a scenario are unreliable."""
     moments = propagate_scenario(scenario, method=method)
-    return unreliable_in_scenario(scenario, moments, method=method)
+    return unreliable_in_scenario(scenario.with_analysis(method=method), moments)
 
 
 def radar_entry(name, /, **changes):

@@ -82,7 +82,7 @@ def budget(
     add("total_index_error", sources, "Standard error of the total Sobol' index of {c.name}.")
     add("three_sigma_error", (total,), "Standard error of three_sigma_total.")
 
-    off = std_off_in_scenario(scenario, found.mean, total.std, method=method)
+    off = std_off_in_scenario(scenario, found.mean, total.std)
     if words.probability(at_pose) == "0" and not off.any():
         known = "P_D is certain" if at_pose == 0 else "3 sigma of P_D is below 1e-6"
         result.report += [f"nothing to measure: {known}"]

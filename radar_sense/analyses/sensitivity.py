@@ -55,7 +55,7 @@ def sensitivity(scenario: Scenario) -> Result:
     result.warnings += words.gathered(
         (label, text)
         for label, (of, mean, std) in (spreads | of_radars).items()
-        for text in words.std_warnings(of, std, std_off_in_scenario(of, mean, std, method=method))
+        for text in words.std_warnings(of, std, std_off_in_scenario(of, mean, std))
     )
     result.warnings += words.table_warnings(scenario)
     words.add_trust(result, "sigma ")

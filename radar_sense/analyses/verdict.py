@@ -29,7 +29,7 @@ def requirement(
     threshold: float | None,
     k: float | None,
     probability: float | None,
-    at_least: float | None = None,
+    at_least: float | None,
 ) -> Requirement | None:
     """Return what the options require of P_D; None without a threshold and without P_MIN.
 

@@ -425,7 +425,7 @@ def gap(name: str, angles: FloatArray) -> Problem | None:
     return min(i + 1, len(angles) - 1), message
 
 
-def differs_at_a_pole(elevation: FloatArray, rcs: FloatArray, unit: str = "m^2") -> Problem | None:
+def differs_at_a_pole(elevation: FloatArray, rcs: FloatArray, unit: str) -> Problem | None:
     """Return the first value at a pole that differs from the value of azimuth 0, or None."""
     for j, reached, pole in (
         (0, elevation[0] <= -POLE, "below"),

@@ -202,10 +202,10 @@ def band_of_scenario(
 
 
 def unreliable_in_scenario(
-    scenario: Scenario, moments: Moments, *, method: str | None = None, beta: float = BETA
+    scenario: Scenario, moments: Moments, *, beta: float = BETA
 ) -> NDArray[np.bool_]:
-    """Return where (n,) the moments of a scenario by a method are off, as `unreliable` does."""
-    return _unreliable(scenario.states(), moments, method or scenario.method, beta)
+    """Return where (n,) the moments of a scenario by its method are off, as `unreliable` does."""
+    return _unreliable(scenario.states(), moments, scenario.method, beta)
 
 
 def distribution(scenario: Scenario, method: str) -> Distribution:
@@ -214,14 +214,12 @@ def distribution(scenario: Scenario, method: str) -> Distribution:
     return METHODS[method](scenario.states())
 
 
-def std_off_in_scenario(
-    scenario: Scenario, mean: FloatArray, std: FloatArray, *, method: str
-) -> NDArray[np.bool_]:
-    """Return where (n,) draws say that mean and σ of a scenario by a method are off.
+def std_off_in_scenario(scenario: Scenario, mean: FloatArray, std: FloatArray) -> NDArray[np.bool_]:
+    """Return where (n,) draws say that mean and σ of a scenario by its method are off.
 
     Few draws say it of σ, where `unreliable_in_scenario` needs many to say it of bounds.
     """
-    if method == AUTOMATIC:  # these are by draws where FORM is off
+    if scenario.method == AUTOMATIC:  # these are by draws where FORM is off
         return np.zeros(len(std), dtype=bool)
     states = scenario.states()
     _foresee(states, draws_at_first(states))

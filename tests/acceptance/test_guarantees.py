@@ -31,7 +31,7 @@ def test_a_band_is_warned_of_where_it_is_off_and_only_there(method, level):
     """Off is a bound by 0.005 or a tenth of it, or σ by 5 %. Draws tell it to a fifth, or half."""
     s = rs.load_scenario().with_analysis(level=level).at_poses(slice(0, None, 10))
     found = propagate_scenario(s, method=method)
-    warned = unreliable_in_scenario(s, found, method=method)
+    warned = unreliable_in_scenario(s.with_analysis(method=method), found)
     lower, upper, std = (reading.paper(level)[name][::2] for name in ("lower_3", "upper_3", "std"))
     parts = [abs(found.std - std) / (0.05 * std)]
     for bound, true in ((found.lower, lower), (found.upper, upper)):

@@ -308,7 +308,7 @@ def test_small_bounds_of_the_corridor_are_those_of_plain_draws():
     assert np.all(error < 0.02 * lower)
     assert np.all(form.lower > 1.15 * lower)
     assert np.all(abs(found.lower - lower) < 0.1 * lower + 4 * (error + found.error))
-    assert unreliable_in_scenario(s, form, method="form").all()
+    assert unreliable_in_scenario(s.with_analysis(method="form"), form).all()
 
 
 def test_when_draws_confirm_a_value_or_replace_it():

@@ -45,7 +45,7 @@ def test_form_converges_where_one_radar_fades_and_the_others_do_not():
 def test_huge_tolerances_overflow_nothing(method):
     s = mixed_network(mixed_radars({"loss_db": 20}, {"gain_dbi": 20}))
     found = propagate_scenario(s, method=method)
-    warned = unreliable_in_scenario(s, found, method=method)
+    warned = unreliable_in_scenario(s.with_analysis(method=method), found)
     assert warned.any() == (method != "automatic")
     assert warned.all() or method in ("automatic", "montecarlo")
     if method == "automatic":

@@ -26,7 +26,7 @@ def judge(block, columns, method, poses=slice(None)):
     """Return how right the 3σ bounds of a method are."""
     scenario = as_scenario(block, columns, poses)
     found = propagate_scenario(scenario, method=method)
-    warned = unreliable_in_scenario(scenario, found, method=method)
+    warned = unreliable_in_scenario(scenario.with_analysis(method=method), found)
     errors, off = [], []
     for end in ("lower", "upper"):
         error = abs(getattr(found, end) - columns[f"{end}_3"][poses])

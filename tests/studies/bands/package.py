@@ -38,7 +38,7 @@ def methods():
 def band(scenario, method, k):
     """Return the band of the first pose by a method."""
     moments = propagate_scenario(scenario, method=method, beta=k)
-    warned = unreliable_in_scenario(scenario, moments, method=method, beta=k)
+    warned = unreliable_in_scenario(scenario.with_analysis(method=method), moments, beta=k)
     error = float(moments.error[0])
     return Band(float(moments.lower[0]), float(moments.upper[0]), error, error, bool(warned[0]))
 
