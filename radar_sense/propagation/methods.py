@@ -202,10 +202,10 @@ def band_of_scenario(
 
 
 def unreliable_in_scenario(
-    scenario: Scenario, moments: Moments, *, beta: float = BETA
+    scenario: Scenario, moments: Moments, *, method: str | None = None, beta: float = BETA
 ) -> NDArray[np.bool_]:
-    """Return where (n,) the moments of a scenario by its method are off, as `unreliable` does."""
-    return _unreliable(scenario.states(), moments, scenario.method, beta)
+    """Return where (n,) the moments of a scenario by a method are off, as `unreliable` does."""
+    return _unreliable(scenario.states(), moments, method or scenario.method, beta)
 
 
 def distribution(scenario: Scenario, method: str) -> Distribution:
