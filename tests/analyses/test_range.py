@@ -14,7 +14,7 @@ from helpers import (
     document,
     known_to,
     scenario,
-    sheet_document,
+    sheet_scenario,
     with_arrays,
     yaml_text,
 )
@@ -64,8 +64,8 @@ def farthest(constant):
     return (constant / (1.380649e-23 * snr)) ** 0.25
 
 
-def column(result, name):
-    return result.table[name]
+def lobes(count, amplitude, floor):
+    return {"model": "spikeball", "lobes": count, "amplitude_m2": amplitude, "floor_m2": floor}
 
 
 def on_rays(s, *bearings_deg, p_d=0.5, method="automatic", k=3.0):
@@ -78,14 +78,14 @@ def on_rays(s, *bearings_deg, p_d=0.5, method="automatic", k=3.0):
 def test_ranges_of_the_literature(constant, km):
     s = scenario(radar__constant=constant, radar__p_fa=1e-9, aircraft__rcs=SPHERE)
     result = detection_range(s, p_d=0.1, **QUICK)
-    assert column(result, "range_m_0.1") / 1e3 == pytest.approx(km, abs=5e-4)
+    assert result.table["range_m_0.1"] / 1e3 == pytest.approx(km, abs=5e-4)
 
 
 def test_the_engagement_zone_of_the_literature():
     """R(0.15) of arXiv 2509.02483; its 745.41 K is rounded, which is worth 5.1 mm."""
     s = rs.load_scenario("configs/engagement_zone.yaml")
     result = detection_range(s, p_d=0.15, **QUICK)
-    assert column(result, "range_m_0.15") == pytest.approx(3041.862, abs=5.6e-3)
+    assert result.table["range_m_0.15"] == pytest.approx(3041.862, abs=5.6e-3)
 
 
 @cache
@@ -107,13 +107,13 @@ def bands(s, p_d, bearing_deg, draws, seed):
     return np.hypot(low, pose[2] - radar[2])
 
 
-def plain_ranges(s, low, high, p_d=0.5, draws=10_000, steps=500, seed=1):
+def plain_ranges(s, low, high, p_d=0.5, draws=20_000, step=0.005, seed=1):
     """The farthest ranges (draws,) to the north, 0 for none, of plain draws on a flat earth."""
     rng, states, pose = np.random.default_rng(seed), s.states(), s.aircraft[0]
     radars = states.radars_at(rng.standard_normal((draws, states.radar_normals)))
     errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft, draws)
     found, left = np.zeros(draws), np.arange(draws)
-    for distance in np.geomspace(high, low, steps):
+    for distance in np.geomspace(high, low, 1 + round(math.log(high / low) / step)):
         place = np.array([s.radar[0] + distance, s.radar[1], *pose[2:]])
         inside = s.model.unchecked_p_d(place + errors[left], radars[left]) >= p_d
         found[left[inside]] = math.hypot(distance, pose[2] - s.radar[2])
@@ -121,13 +121,17 @@ def plain_ranges(s, low, high, p_d=0.5, draws=10_000, steps=500, seed=1):
     return found
 
 
-def assert_as_drawn(found, drawn, rel=0.01, k=3):
-    """Bounds agree with plain draws to `rel` and four standard errors, and σ to 7 %."""
+def assert_as_drawn(found, drawn, rel=0.01, k=3, of_std=0.05):
+    """Bounds agree with plain draws to `rel` and four standard errors, and σ to `of_std`.
+
+    Where there is no range of the nominal states, σ has no value.
+    """
     noise = 4 * math.sqrt(ndtr(-k) / len(drawn))
     for end, tail in ((found.lower, ndtr(-k)), (found.upper, ndtr(k))):
         assert np.mean(drawn < (1 - rel) * end) - noise <= tail
         assert tail <= np.mean(drawn <= (1 + rel) * end) + noise
-    assert found.std == pytest.approx(np.std(drawn), rel=0.07)
+    std = np.std(drawn) if found.slant else np.nan
+    assert found.std == pytest.approx(std, rel=of_std, nan_ok=True)
 
 
 @pytest.mark.parametrize("method", ["linear", "probit", "form"])
@@ -140,14 +144,14 @@ def test_the_band_is_the_band_of_drawn_ranges(method):
     assert (checked in result.report) == (not result.warnings)
     for row in (1, 7):
         drawn = bands(s, 0.3, result.table["bearing_deg"][row], draws, row)
-        std = column(result, "sigma_range_m_0.3")[row]
+        std = result.table["sigma_range_m_0.3"][row]
         assert std == pytest.approx(drawn.std(), rel=4 / math.sqrt(2 * draws) + 0.01)
         if method == "linear":
             continue
         for end, probability in (("lower", 0.00135), ("upper", 0.99865)):
             # standard error of a quantile: sqrt(p (1 - p) / draws) / density
             error = 0.0367 / math.sqrt(draws) / 0.00443 * std
-            bound = column(result, f"{end}_3sigma_m_0.3")[row]
+            bound = result.table[f"{end}_3sigma_m_0.3"][row]
             assert bound == pytest.approx(np.quantile(drawn, probability), abs=4 * error)
 
 
@@ -172,11 +176,11 @@ def test_a_limit_comes_first():
     result = detection_range(parse_scenario(json.dumps(base)), p_d=0.1, **QUICK)
     height = -result.scenario.aircraft[0, 2]
     farthest = horizon_range(np.array(50.0), np.array(height))
-    assert column(result, "range_m_0.1") == pytest.approx(farthest, rel=1e-9)
-    assert np.isnan(column(result, "sigma_range_m_0.1")).all()
-    assert (column(result, "limited_0.1") == 1).all()
-    assert (column(result, "edges_0.1") == 1).all()  # without the limit
-    assert column(result, "upper_3sigma_m_0.1") == pytest.approx(farthest, rel=1e-9)
+    assert result.table["range_m_0.1"] == pytest.approx(farthest, rel=1e-9)
+    assert np.isnan(result.table["sigma_range_m_0.1"]).all()
+    assert (result.table["limited_0.1"] == 1).all()
+    assert (result.table["edges_0.1"] == 1).all()  # without the limit
+    assert result.table["upper_3sigma_m_0.1"] == pytest.approx(farthest, rel=1e-9)
     lines = " ".join(result.report)
     assert "the limit of the radar comes first at all 4 bearings" in lines
     assert "poses" not in lines
@@ -190,23 +194,22 @@ def test_no_range_no_width_and_the_end_of_the_search_are_reported():
     certain = {"medium": {"position_m": 100, "constant": 0}}
     weak = scenario(radar__constant=1e-12, uncertainty__radar=certain)
     weak = detection_range(weak, method="form", p_d=0.9, **QUICK)
-    assert (column(weak, "range_m_0.9") == 0).all()
+    assert (weak.table["range_m_0.9"] == 0).all()
     assert any("at no range" in line for line in weak.report)
     strong = detection_range(scenario(radar__constant=1e12), p_d=0.9, **QUICK)
-    assert column(strong, "range_m_0.9") == pytest.approx(FARTHEST, rel=1e-3)
+    assert strong.table["range_m_0.9"] == pytest.approx(FARTHEST, rel=1e-3)
     assert strong.report[1:] == (
         "  P_D 0.9: over 5000 km at every bearing",
         "  P_D 0.9: still higher at 5000 km, the end of the search, at all 4 bearings; "
         "sigma has no value",
     )
-    assert not column(strong, "limited_0.9").any()  # the radar has no limit
+    assert not strong.table["limited_0.9"].any()  # the radar has no limit
     assert not strong.warnings
 
 
 def test_the_report_of_ranges_that_are_passed_several_times():
     """Between the lobes there is no range; high above, P_D first rises along a ray."""
-    rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 1e-9}
-    s = scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[90, 0, 0])
+    s = scenario(aircraft__rcs=lobes(4, 0.5, 1e-9), aircraft__attitude_deg=[90, 0, 0])
     result = detection_range(s, p_d=0.6, down_km=-100, course_deg=-90, step_deg=22.5)
     found = result.table["range_m_0.6"]
     assert np.flatnonzero(found == 0).tolist() == [0, 8]
@@ -240,7 +243,7 @@ def test_sigma_is_that_of_the_fourth_root_of_c_r():
     s = scenario(aircraft__rcs=SPHERE, **known_to(constant=50.1))
     normal = np.linspace(-6.0, 6.0, 10_001)
     weights = np.exp(-0.5 * normal**2)
-    nominal = column(detection_range(s, **QUICK), "range_m_0.5")[0]
+    nominal = detection_range(s, **QUICK).table["range_m_0.5"][0]
     ranges = nominal * np.maximum(1 + 0.3 * normal, 0) ** 0.25  # a c_r below 0 counts as 0
     mean = np.average(ranges, weights=weights)
     exact = math.sqrt(np.average((ranges - mean) ** 2, weights=weights))
@@ -250,8 +253,7 @@ def test_sigma_is_that_of_the_fourth_root_of_c_r():
 @pytest.mark.all_draws
 def test_sigma_in_a_null_is_that_of_drawn_ranges():
     """Head on in a null of the RCS the nominal range is far below the median; FORM has no σ."""
-    lobes = {"model": "spikeball", "lobes": 4, "amplitude_m2": 1.0, "floor_m2": 0.01}
-    s = scenario(aircraft__rcs=lobes, **known_to(0, [0, 0, 5], constant=5))
+    s = scenario(aircraft__rcs=lobes(4, 1.0, 0.01), **known_to(0, [0, 0, 5], constant=5))
     found = on_rays(s, 90.0)
     drawn = bands(s, 0.5, 90.0, 20_000, 1)
     assert found.slant[0] < np.quantile(drawn, 0.01)
@@ -274,8 +276,8 @@ def test_sources_are_of_the_place_that_is_named():
 @pytest.mark.parametrize(("method", "attitude_deg"), [("linear", 1.5), ("probit", 4)])
 def test_a_band_is_unreliable_where_one_of_its_ends_or_sigma_is(method, attitude_deg):
     """An end may be off by 1 %, and σ of a range by linear by 10 %."""
-    rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 0.05}
-    s = scenario(aircraft__rcs=rcs, **known_to(100, attitude_deg, position_m=100, constant=4))
+    known = known_to(100, attitude_deg, position_m=100, constant=4)
+    s = scenario(aircraft__rcs=lobes(4, 0.5, 0.05), **known)
     bearings = np.arange(5.0, 95.0, 10.0)
     found = on_rays(s, *bearings, method=method, k=2.0)
     parts = []
@@ -300,7 +302,7 @@ def test_a_blind_zone_or_a_limit_within_the_band_counts(part):
     limited = scenario(analysis={"level": "high"}, **{key: part * slant / 1e3})
     found = on_rays(limited, 0)
     assert found.slant[0] == pytest.approx(slant)
-    assert_as_drawn(found, plain_ranges(limited, 0.8 * slant, 1.1 * slant))
+    assert_as_drawn(found, plain_ranges(limited, 0.8 * slant, 1.1 * slant, step=0.001))
 
 
 @pytest.mark.all_draws
@@ -311,30 +313,13 @@ def test_a_range_in_the_blind_zone_is_none():
         **known_to(50, constant=2e-5),
     )
     assert 37e3 < farthest(5e-4) < 37.2e3
-    drawn = plain_ranges(s, 36e3, 40e3)
+    drawn = plain_ranges(s, 36e3, 40e3, step=0.0005)
     for method in ("form", "automatic"):
         found = on_rays(s, 0.0, method=method)
         assert not found.slant.any()
         assert not found.lower.any()
         assert found.upper == pytest.approx(np.quantile(drawn, ndtr(3)), rel=0.005)
         assert np.isnan([found.std, *found.by_source.values()]).all()  # of no range
-
-
-@pytest.mark.all_draws
-def test_a_radar_that_looks_down_on_an_aircraft_sees_it_far_away_alone(tmp_path):
-    """1 km lower, it is hidden by a mask of -1.05 deg up to 54.6 km; the maximum range is 60 km."""
-    s = swerling1(
-        tmp_path,
-        mask_deg=-1.05,
-        radar__constant=1,
-        radar__position_m=[0, 0, -3000],
-        radar__max_range_km=60,
-        geometry__down_km=-2,
-        **known_to(10, constant=0.05),
-    )
-    found = on_rays(s, 0.0)
-    assert found.slant == pytest.approx(60e3)
-    assert_as_drawn(found, plain_ranges(s, 5.9e4, 6.1e4, steps=300), rel=1e-3)
 
 
 @pytest.mark.all_draws
@@ -367,8 +352,7 @@ def test_a_height_that_an_option_does_not_mean_is_warned_of(name):
 
 
 def test_edges_along_a_ray_are_counted():
-    rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 0.001}
-    s = scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[90, 0, 0])
+    s = scenario(aircraft__rcs=lobes(4, 0.5, 0.001), aircraft__attitude_deg=[90, 0, 0])
     along = rays(s, np.deg2rad([0.0, 50.0]), by_aspect=False, down=-300e3, course=0.0)
     reach = survey(along).reach(0.6)
     d = np.geomspace(1, FARTHEST, 20_001)
@@ -419,10 +403,9 @@ def test_each_radar_of_a_network_has_a_range():
 @pytest.mark.parametrize("method", ["linear", "form"])
 def test_the_band_at_another_k(method):
     """ln of the range is Gaussian, because c_r is log-normal and alone uncertain."""
-    content = sheet_document("tracking", tolerances={"gain_dbi": 0.4})
-    content["uncertainty"]["aircraft"] = {"position_m": 0, "attitude_deg": 0}
-    content["uncertainty"]["radar"]["sheet"]["position_m"] = 0
-    sheet = parse_scenario(yaml_text(content))
+    certain = {"uncertainty.aircraft": "{position_m: 0, attitude_deg: 0}"}
+    sheet = sheet_scenario("tracking", tolerances={"gain_dbi": 0.4})
+    sheet = sheet.with_keys({**certain, "uncertainty.radar.sheet.position_m": 0})
     bands = {}
     for k in (1.0, 2.0):
         table = detection_range(sheet, method=method, k=k, **QUICK).table
@@ -509,21 +492,17 @@ def test_a_lower_bound_that_draws_do_not_settle_is_warned_of():
     At bearing 90 deg the range is more than 4.94 to 4.99 km with the probability of the bound, by
     100 000 plain draws.
     """
-    covariance = np.array(
-        [
-            [149459.56, -47301.40195, 101826.6669, -575.1544264, 219.4695126, -1059.67643],
-            [-47301.40195, 149459.56, -44564.48525, 1343.148027, -617.5368448, 408.2171675],
-            [101826.6669, -44564.48525, 149459.56, -454.8821653, 481.334351, -1602.013944],
-            [-575.1544264, 1343.148027, -454.8821653, 32.695524, 1.107511996, 12.36567706],
-            [219.4695126, -617.5368448, 481.334351, 1.107511996, 32.695524, -10.40489579],
-            [-1059.67643, 408.2171675, -1602.013944, 12.36567706, -10.40489579, 32.695524],
-        ]
-    )
-    rcs = {"model": "spikeball", "lobes": 180, "amplitude_m2": 0.3394, "floor_m2": 0.001523}
+    upper = """149459.56 -47301.40195 101826.6669 -575.1544264 219.4695126 -1059.67643
+        149459.56 -44564.48525 1343.148027 -617.5368448 408.2171675
+        149459.56 -454.8821653 481.334351 -1602.013944
+        32.695524 1.107511996 12.36567706 32.695524 -10.40489579 32.695524"""
+    covariance = np.zeros((6, 6))
+    covariance[np.triu_indices(6)] = [float(number) for number in upper.split()]
+    covariance += np.triu(covariance, 1).T
     of_radar = {"s": {"position_m": 24.47, "constant": 1.121e-06}}
     s = scenario(
         radar={"position_m": [-338, 26040, -100], "p_fa": 1.7e-4, "constant": 4.44721e-06},
-        aircraft={"attitude_deg": [4.72, 12.3, 304.1], "rcs": rcs},
+        aircraft={"attitude_deg": [4.72, 12.3, 304.1], "rcs": lobes(180, 0.3394, 0.001523)},
         geometry__azimuth_from="north",
         geometry__range_km=34.87,
         geometry__down_km=-2.829,
@@ -534,34 +513,6 @@ def test_a_lower_bound_that_draws_do_not_settle_is_warned_of():
     found = on_rays(s, 90)
     assert found.unreliable[0]
     assert found.lower == pytest.approx(4970, rel=0.2)
-
-
-@pytest.mark.parametrize("down_km", [-6.0, -6.4, -6.6])
-def test_a_band_within_a_narrow_window_of_the_antenna(down_km, tmp_path):
-    """P_D is above 0.9 over less than 2 % of the distance, where the beam meets the height."""
-    s = swerling1(
-        tmp_path,
-        beam="-20,-40 -4,-30 -1,-3 0,0 1,-3 4,-30 20,-40",
-        geometry__down_km=down_km,
-        radar__constant=2.8e-4,
-        radar__tilt_deg=20,
-        **known_to(10, 1, position_m=5, constant=5.6e-6, tilt_deg=0.01),
-    )
-    found = on_rays(s, 0.0, p_d=0.9)
-    n, tail, rng = 100_000, ndtr(-3.0), np.random.default_rng(3)
-    states = s.states()
-    radars = states.radars_at(rng.standard_normal((n, states.radar_normals)))
-
-    def exceeds(slant):
-        """P(P_D > 0.9) by plain draws."""
-        aircraft = np.array([math.sqrt(slant**2 - (1e3 * down_km) ** 2), 0, 1e3 * down_km, 0, 0, 0])
-        drawn = aircraft + rng.standard_normal((n, 6)) * np.sqrt(np.diag(s.cov_aircraft))
-        return np.mean(s.model.unchecked_p_d(drawn[:, np.newaxis], radars[:, np.newaxis]) > 0.9)
-
-    noise = 4 * math.sqrt(tail / n)
-    assert 0 < found.lower < found.slant < found.upper
-    for end, share in ((found.lower[0], 1 - tail), (found.upper[0], tail)):
-        assert exceeds(1.0005 * end) - noise <= share <= exceeds(0.9995 * end) + noise
 
 
 @pytest.mark.parametrize("method", ["automatic", "form"])
@@ -580,115 +531,124 @@ def test_a_lobe_that_errors_turn_to_a_far_aircraft(tmp_path, method):
     if method == "form":
         assert found.unreliable
         return
-    assert_as_drawn(found, plain_ranges(s, 1.5e3, 3e4, steps=325))
+    assert_as_drawn(found, plain_ranges(s, 1.5e3, 3e4), of_std=0.07)
     # shares of the sources to first order do not explain this band
     assert "; from" not in " ".join(detection_range(s, **QUICK).report)
-
-
-@pytest.mark.all_draws
-def test_of_lobes_of_equal_height_errors_choose_the_farthest(tmp_path):
-    """Every draw has the farthest range of its own, which P_D at one distance does not say."""
-    beam = " ".join(f"{1.5 * i - 5},{-6 * (i % 2)}" for i in range(19))
-    radar = {"geometry__down_km": -9, "radar__constant": 0.005}
-    s = swerling1(tmp_path, beam=beam, **radar, **known_to(tilt_deg=1))
-    found = on_rays(s, 0.0, p_d=0.7)
-    assert found.reach.edges > 1
-    assert_as_drawn(found, plain_ranges(s, 4e4, 6e4, p_d=0.7, steps=90))
 
 
 COSECANT = (
     "-6,-24.5 -4,-10.9 -2,-2.7 0,0 2,-2.7 3,-6.1 4,-7.7 6,-10.2 8,-12.1 13,-15.6 20,-18.8 30,-21.8"
 )
+BEHIND_A_MASK = {"mask_deg": -2, "radar__position_m": [0, 0, -1000], "geometry__down_km": 0}
+WINDOW = {"beam": "-20,-40 -4,-30 -1,-3 0,0 1,-3 4,-30 20,-40", "radar__tilt_deg": 20,
+          "radar__constant": 2.8e-4,
+          **known_to(10, 1, position_m=5, constant=5.6e-6, tilt_deg=0.01)}  # fmt: skip
+
+
+def flying(roll, yaw, **rcs):
+    return {"aircraft": {"rcs": rcs, "attitude_deg": [roll, 0, yaw]}, "radar__detector": "north"}
+
+
+#: What a search for the range of each draw may pass or jump over: a scenario, from where to where
+#: the draws are looked at [m], and how they are compared.
+DRAWN = {
+    # 1 km lower, it is hidden by a mask of -1.05 deg up to 54.6 km; the maximum range is 60 km
+    "a radar that looks down on an aircraft sees it far away alone": (
+        {"mask_deg": -1.05, "radar__constant": 1, "radar__position_m": [0, 0, -3000],
+         "radar__max_range_km": 60, "geometry__down_km": -2, **known_to(10, constant=0.05)},
+        (5.9e4, 6.1e4), {"rel": 1e-3, "step": 1e-4}),
+    # which P_D at one distance does not say
+    "of lobes of equal height errors choose the farthest": (
+        {"beam": " ".join(f"{1.5 * i - 5},{-6 * (i % 2)}" for i in range(19)),
+         "geometry__down_km": -9, "radar__constant": 0.005, **known_to(tilt_deg=1)},
+        (4e4, 6e4), {"p_d": 0.7, "rel": 0.01}),
+    # Beyond 3.1 sigma ranges drop from 42 to 19 km: within 30 km the beam takes what R⁻⁴ gives. The
+    # errors that lower the range most are others at 44 km than at the nominal 80 km.
+    "a drop of the ranges beside the band": (
+        {"mask_deg": 3.2, "beam": COSECANT, "geometry__down_km": -2, "radar__constant": 2.7e-4,
+         "radar__tilt_deg": 2, **known_to(50, position_m=20, constant=9e-5, tilt_deg=0.5)},
+        (5e3, 1e5), {"rel": 0.03, "sure": True}),
+    # at 5000 km the rain takes 5000 dB, and the signal is 0 to rounding
+    "a side lobe in heavy rain": (
+        {"beam": "-5,-30 -1,-3 0,0 1,-3 2,-12 3,-30 4,-15 5,-13 6,-15 7,-30 8,-17 12,-17 13,-40 "
+                 "30,-40", "radar__constant": 3, "radar__attenuation_db_per_km": 0.5,
+         "radar__tilt_deg": 1, **known_to(50, constant=0.5, tilt_deg=0.5)},
+        (3e3, 6e4), {"rel": 0.03}),
+    # up to 28.6 km; inward S rises by less attenuation, too, and not as R⁻⁴ alone
+    "hidden by a mask in rain": (
+        {**BEHIND_A_MASK, "radar__constant": 0.107, "radar__attenuation_db_per_km": 0.1,
+         **known_to([0, 0, 30], constant=0.0107)}, (2.8e4, 7.5e4), {"rel": 0.02}),
+    "a window of 6 km between the mask and the range": (
+        {**BEHIND_A_MASK, "radar__constant": 3.6e-4, **known_to([0, 0, 30], constant=3.6e-5)},
+        (2.8e4, 7.5e4), {"rel": 0.02}),
+    # the line of sight of the nominal states does not turn along the ray; that of a draw does
+    "a lobe of a displaced aircraft": (
+        {"beam": "-90,-40 -3,-20 0,0 3,-20 90,-40", "geometry__down_km": 0,
+         "radar__constant": 3.4e-3, "radar__tilt_deg": 3,
+         **known_to([0, 0, 800], position_m=30, constant=3.4e-4, tilt_deg=0)},
+        (1.5e3, 7e4), {"rel": 0.02}),
+    # rolled by 90 deg, the aircraft turns them to a radar that it approaches at 9 km
+    "lobes of an aircraft on its side are passed one by one": (
+        {"aircraft": {"rcs": lobes(36, 5, 0.01), "attitude_deg": [90, 0, 0]},
+         "geometry__down_km": -9, "radar__constant": 4e-4, **known_to(50, 2, constant=4e-5)},
+        (3e4, 6e4), {"rel": 0.02}),
+    "errors of 2 km may bring it within a maximum range, at which the beam has a lobe": (
+        {"beam": " ".join(f"{0.5 * i},{-12 * (i % 2)}" for i in range(41)),
+         **flying(0, 0, model="constant", rcs_m2=0.3), "geometry__down_km": -3,
+         "radar__max_range_km": 40, "radar__constant": 0.02384,
+         **known_to(50, 1, position_m=[2000, 2000, 20])}, (2.5e4, 4.6e4), {"k": 2.0}),
+    "banked, the aircraft passes its pole, where the azimuth turns fast": (
+        {**flying(45, -90, **lobes(4, 2.0, 0.01)), "geometry__down_km": -9,
+         "radar__constant": 1.471e-5, **known_to(10, 1, position_m=10, constant=7.35e-7)},
+        (1e3, 1.8e4), {"k": 2.0}),
+    "above the beam the signal rises outward, up to the maximum range": (
+        {"beam": "0,0 10,0 20,-20", **flying(0, 0, model="constant", rcs_m2=1.0),
+         "geometry__down_km": -9, "radar__max_range_km": 36.5, "radar__constant": 0.01231,
+         **known_to(10, 1, position_m=10, constant=4.3e-3)}, (3e4, 3.7e4), {"k": 2.0}),
+    "inward there is less rain, too, and a null of the cross section": (
+        {**flying(30, -20, **lobes(2, 1.0, 0.001)), "geometry__down_km": -3,
+         "radar__attenuation_db_per_km": 0.5, "radar__constant": 9.316e-4,
+         **known_to(10, [2, 2, 5], position_m=10)}, (4e3, 1.9e4), {"k": 2.0}),
+    # errors of 4 km bring it nearer or farther
+    "a thin beam is enough in its middle": (
+        {"beam": "3.6,-60 4,0 4.4,-60", **flying(0, 0, model="constant", rcs_m2=1.0),
+         "geometry__down_km": -3, "radar__constant": 6.918e-4,
+         **known_to(50, 1, position_m=[4000, 4000, 20])},
+        (2.7e4, 5.9e4), {"k": 2.0, "step": 0.002}),
+    # P_D is above 0.9 over less than 2 % of the distance, where the beam meets the height
+    **{f"a narrow window of the antenna at {km} km": (
+        {**WINDOW, "geometry__down_km": -km}, (0.97 * far, 1.01 * far),
+        {"p_d": 0.9, "rel": 0.0005, "draws": 100_000})
+       for km, far in ((6.0, 17e3), (6.4, 18e3), (6.6, 18.3e3))},
+}  # fmt: skip
 
 
 @pytest.mark.all_draws
-def test_a_band_beside_a_drop_of_the_ranges_is_precise(tmp_path):
-    """Beyond 3.1 sigma ranges drop from 42 to 19 km: within 30 km the beam takes what R⁻⁴ gives.
-
-    The errors that lower the range most are others at 44 km than at the nominal 80 km.
-    """
-    s = swerling1(
-        tmp_path,
-        mask_deg=3.2,
-        beam=COSECANT,
-        geometry__down_km=-2,
-        radar__constant=2.7e-4,
-        radar__tilt_deg=2,
-        **known_to(50, position_m=20, constant=9e-5, tilt_deg=0.5),
-    )
-    found = on_rays(s, 0.0)
-    assert not found.unreliable
-    assert_as_drawn(found, plain_ranges(s, 5e3, 1e5, draws=20_000, steps=200), rel=0.03)
-
-
-@pytest.mark.all_draws
-def test_a_search_passes_no_side_lobe_in_heavy_rain(tmp_path):
-    """At 5000 km the rain takes 5000 dB, and the signal is 0 to rounding."""
-    s = swerling1(
-        tmp_path,
-        beam="-5,-30 -1,-3 0,0 1,-3 2,-12 3,-30 4,-15 5,-13 6,-15 7,-30 8,-17 12,-17 13,-40 30,-40",
-        radar__constant=3,
-        radar__attenuation_db_per_km=0.5,
-        radar__tilt_deg=1,
-        **known_to(50, constant=0.5, tilt_deg=0.5),
-    )
-    found = on_rays(s, 0.0)
-    assert_as_drawn(found, plain_ranges(s, 3e3, 6e4, draws=20_000, steps=250), rel=0.03)
-
-
-BELOW = {"radar__position_m": [0, 0, -1000], "geometry__down_km": 0}
-
-
-def masked(folder, mask_deg, metres, std=1e-3, **changes):
-    """An aircraft 1 km above a mask of some degrees, or below it, with an error of its height."""
-    errors = known_to([0, 0, metres], constant=std * changes["radar__constant"])
-    return swerling1(folder, mask_deg, **changes, **errors)
-
-
-@pytest.mark.all_draws
-@pytest.mark.parametrize(
-    "changes",
-    [
-        # hidden up to 28.6 km: inward S rises by less attenuation, too, and not as R⁻⁴ alone
-        {"radar__constant": 0.107, "radar__attenuation_db_per_km": 0.1},
-        # a window of 6 km between the mask and the range
-        {"radar__constant": 3.6e-4},
-    ],
-)
-def test_a_search_does_not_jump_behind_a_mask(tmp_path, changes):
-    s = masked(tmp_path, -2, 30, 0.1, **BELOW, **changes)
-    drawn = plain_ranges(s, 2.8e4, 7.5e4, draws=20_000, steps=200)
-    assert_as_drawn(on_rays(s, 0.0), drawn, rel=0.02)
-
-
-@pytest.mark.all_draws
-def test_a_search_passes_no_lobe_of_a_displaced_aircraft(tmp_path):
-    """The line of sight of the nominal states does not turn along the ray; that of a draw does."""
-    s = swerling1(
-        tmp_path,
-        beam="-90,-40 -3,-20 0,0 3,-20 90,-40",
-        geometry__down_km=0,
-        radar__position_m=[0, 0, 0],
-        radar__constant=3.4e-3,
-        radar__tilt_deg=3,
-        **known_to([0, 0, 800], position_m=30, constant=3.4e-4, tilt_deg=0),
-    )
-    drawn = plain_ranges(s, 1.5e3, 7e4, draws=20_000, steps=360)
-    assert_as_drawn(on_rays(s, 0.0), drawn, rel=0.02)
+@pytest.mark.parametrize("name", DRAWN)
+def test_the_band_of_a_range_is_that_of_the_farthest_range_of_each_draw(tmp_path, name):
+    changes, ends, how = DRAWN[name]
+    how = {"p_d": 0.5, "k": 3.0, "rel": 0.015, "draws": 20_000, "sure": False, **how}
+    s, step = swerling1(tmp_path, **changes), how.get("step", how["rel"] / 2)
+    found = on_rays(s, 0.0, p_d=how["p_d"], k=how["k"])
+    drawn = plain_ranges(s, *ends, how["p_d"], how["draws"], step)
+    assert_as_drawn(found, drawn, how["rel"], how["k"])
+    assert not (how["sure"] and found.unreliable)
 
 
 @pytest.mark.all_draws
 def test_the_range_of_each_draw_ends_at_the_mask(tmp_path):
     """P_D would be high up to more than 100 km."""
-    found = on_rays(masked(tmp_path, 1, 30, radar__constant=0.05, geometry__down_km=-1), 0.0)
+    s = swerling1(tmp_path, 1, radar__constant=0.05, **known_to([0, 0, 30], constant=5e-5))
     height = 1000 + 30 * np.random.default_rng(2).standard_normal(100_000)
-    assert_as_drawn(found, np.hypot(height / math.tan(math.radians(1)), 1000))
+    assert_as_drawn(on_rays(s, 0.0), np.hypot(height / math.tan(math.radians(1)), 1000))
 
 
 @pytest.mark.all_draws
 def test_a_window_between_the_mask_and_the_range_is_found(tmp_path):
     """It is 1.2 % wide: the mask hides the aircraft up to 28.65 km, and P_D is high up to 29 km."""
-    s = masked(tmp_path, -2, 0, radar__constant=1.849e-4, **BELOW)
+    s = swerling1(
+        tmp_path, **BEHIND_A_MASK, radar__constant=1.849e-4, **known_to(constant=1.849e-7)
+    )
     found = on_rays(s, 0.0)
     assert found.slant == pytest.approx(29e3, rel=1e-3)
     assert found.lower == pytest.approx(found.slant * (1 - 0.003) ** 0.25, rel=1e-4)
@@ -701,84 +661,6 @@ def test_sigma_is_exact_where_the_signal_bends_with_distance():
     s = swerling1(radar__constant=1e-3, **rain, **known_to(constant=4e-6))
     by_linear, found = (on_rays(s, 0.0, method=method) for method in ("linear", "automatic"))
     assert found.std == pytest.approx(by_linear.std, rel=0.01)
-
-
-@pytest.mark.all_draws
-@pytest.mark.parametrize(
-    ("beam", "rcs", "attitude_deg", "down_km", "errors", "radar", "ends"),
-    [
-        # errors of 2 km may bring the aircraft within a maximum range, at which the beam has a lobe
-        (
-            " ".join(f"{0.5 * i},{-12 * (i % 2)}" for i in range(41)),
-            {"model": "constant", "rcs_m2": 0.3},
-            [0, 0, 0],
-            -3,
-            (50, 1, {"position_m": [2000, 2000, 20]}),
-            {"max_range_km": 40, "constant": 0.02384},
-            (2.5e4, 4.6e4),
-        ),
-        # banked, the aircraft passes its pole, where the azimuth turns fast
-        (
-            "",
-            {"model": "spikeball", "lobes": 4, "amplitude_m2": 2.0, "floor_m2": 0.01},
-            [45, 0, -90],
-            -9,
-            (10, 1, {"position_m": 10, "constant": 7.35e-7}),
-            {"constant": 1.471e-5},
-            (1e3, 1.8e4),
-        ),
-        # above the beam the signal rises outward, up to the maximum range
-        (
-            "0,0 10,0 20,-20",
-            {"model": "constant", "rcs_m2": 1.0},
-            [0, 0, 0],
-            -9,
-            (10, 1, {"position_m": 10, "constant": 4.3e-3}),
-            {"max_range_km": 36.5, "constant": 0.01231},
-            (3e4, 3.7e4),
-        ),
-        # inward there is less rain, too, and a null of the cross section
-        (
-            "",
-            {"model": "spikeball", "lobes": 2, "amplitude_m2": 1.0, "floor_m2": 0.001},
-            [30, 0, -20],
-            -3,
-            (10, [2, 2, 5], {"position_m": 10}),
-            {"attenuation_db_per_km": 0.5, "constant": 9.316e-4},
-            (4e3, 1.9e4),
-        ),
-        # a thin beam is enough in its middle, and errors of 4 km bring it nearer or farther
-        (
-            "3.6,-60 4,0 4.4,-60",
-            {"model": "constant", "rcs_m2": 1.0},
-            [0, 0, 0],
-            -3,
-            (50, 1, {"position_m": [4000, 4000, 20]}),
-            {"constant": 6.918e-4},
-            (2.7e4, 5.9e4),
-        ),
-    ],
-    ids=["displaced", "pole", "rising", "rain", "thin"],
-)
-def test_a_search_misses_no_range(tmp_path, beam, rcs, attitude_deg, down_km, errors, radar, ends):
-    """Both bounds at 2 sigma, and sigma itself, agree with plain draws."""
-    metres, degrees, of_radar = errors
-    known = known_to(metres, degrees, **of_radar)
-    s = swerling1(
-        tmp_path,
-        beam=beam,
-        aircraft={"rcs": rcs, "attitude_deg": attitude_deg},
-        geometry__down_km=down_km,
-        radar__detector="north",
-        **{f"radar__{key}": value for key, value in radar.items()},
-        **known,
-    )
-    found, drawn = on_rays(s, 0.0, k=2.0), plain_ranges(s, *ends, draws=20_000, steps=400)
-    noise = 4 * math.sqrt(ndtr(-2) / len(drawn))
-    for end, tail in ((found.lower, ndtr(-2)), (found.upper, ndtr(2))):
-        assert np.mean(drawn < 0.985 * end) - noise <= tail
-        assert tail <= np.mean(drawn <= 1.015 * end) + noise
-    assert np.isnan(found.std) or found.std == pytest.approx(drawn.std(), rel=0.05)
 
 
 @pytest.mark.all_draws
@@ -818,21 +700,6 @@ def test_a_search_misses_no_beam_over_the_round_earth(tmp_path, beam, tilt, limi
         aircraft = north.states(distance) + errors
         drawn[s.model.unchecked_p_d(aircraft, radars) >= 0.5] = north.slant_range(distance)[0]
     assert_as_drawn(found, drawn, rel=0.015, k=2)
-
-
-@pytest.mark.all_draws
-def test_lobes_of_an_aircraft_on_its_side_are_passed_one_by_one():
-    """Rolled by 90 deg, it turns lobes of the RCS to a radar that it approaches at 9 km."""
-    rcs = {"model": "spikeball", "lobes": 36, "amplitude_m2": 5, "floor_m2": 0.01}
-    s = swerling1(
-        aircraft={"rcs": rcs, "attitude_deg": [90, 0, 0]},
-        geometry__down_km=-9,
-        radar__constant=4e-4,
-        **known_to(50, 2, constant=4e-5),
-    )
-    found = on_rays(s, 0.0)
-    assert found.reach.edges > 3
-    assert_as_drawn(found, plain_ranges(s, 3e4, 6e4, steps=140), rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -881,7 +748,7 @@ def test_a_window_between_two_limits_is_found():
     np.testing.assert_allclose(found.slant, 51e3, rtol=1e-8)
     np.testing.assert_allclose(51e3 - found.lower, 3 * math.hypot(10, 5), rtol=0.5)
     s, wide = with_errors(2e4)  # as wide as many windows, which every draw has somewhere or nowhere
-    assert_as_drawn(wide, plain_ranges(s, 1e3, 2e5, steps=4000))
+    assert_as_drawn(wide, plain_ranges(s, 1e3, 2e5, step=0.0013))
 
 
 def test_errors_may_bring_an_aircraft_over_the_mask(tmp_path):
@@ -934,5 +801,5 @@ def test_every_p_d_has_a_closed_line_of_its_own_and_the_band_of_the_table():
     for value, band in zip(values, axes.collections, strict=False):
         radius = band.get_paths()[0].vertices[:, 1]
         for end in ("lower", "upper"):
-            for km in column(result, f"{end}_3sigma_m_{value}") / 1e3:
+            for km in result.table[f"{end}_3sigma_m_{value}"] / 1e3:
                 assert np.isclose(radius, km).any()
