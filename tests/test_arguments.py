@@ -187,6 +187,28 @@ WRONG = {
         lambda: rs.load_route("a", altitude_above="see")
     ),
     "icao24 must be 6 digits 0 to 9 and a to f, got 3": lambda: rs.load_route("a", icao24=3),
+    "aircraft must have shape (n, 6) for north, east, down, roll, pitch, yaw, got (2, 5)": (
+        lambda: scenario(geometry=rs.States.of(np.zeros((2, 5))))
+    ),
+    "aircraft must be an array of real numbers, got <U1": lambda: rs.States.of([["a"] * 6]),
+    "aircraft states must be finite, got nan for down": (
+        lambda: scenario(geometry=rs.States.of([0, 0, np.nan, 0, 0, 0]))
+    ),
+    "covariance of the aircraft must have shape (6, 6) or (2, 6, 6), got (3, 6, 6)": (
+        lambda: scenario(geometry=rs.States.of(np.zeros((2, 6)), np.ones((3, 6, 6))))
+    ),
+    "covariance of the aircraft at pose 1 is not positive semidefinite": (
+        lambda: scenario(geometry=rs.States.of(np.zeros((2, 6)), [np.eye(6), np.eye(6) - 0.5]))
+    ),
+    "radar constants must be greater than 0, got -1": lambda: changed(state=[0, 0, 0, -1]),
+    "every radar of a scenario needs a state": lambda: scenario(radars=[changed(state=None)]),
+    "every radar needs a level": lambda: scenario(radars=[changed(levels={})]),
+    "all radars must have the levels low, medium, high, radar 'b' has x": (
+        lambda: scenario(radars=[changed(name="a"), changed(name="b", levels={"x": level()})])
+    ),
+    "runs must be a whole number not less than 2": lambda: scenario(runs=1),
+    "name must be a name of up to 100 letters": lambda: scenario(name="../x"),
+    "time_s must have one value for each of 724": lambda: path(time_s=np.zeros(1)),
 }
 
 

@@ -155,43 +155,6 @@ def test_arrays_are_copies_that_nobody_can_change():
     assert_read_only(s)
 
 
-NAN_DOWN = [1, 1, math.nan, 1, 1, 1]
-PER_POSE = np.stack([np.eye(6), np.eye(6)])
-SHAPE = r"covariance of the aircraft must have shape \(6, 6\) or \(2, 6, 6\)"
-WRONG = {
-    r"aircraft must have .* \(n, 6\) .* \(2, 5\)": lambda: arguments(np.zeros((2, 5))),
-    "aircraft must be an array of real numbers, got <U1": lambda: arguments([["a"] * 6]),
-    "aircraft states must be finite, got nan for down": lambda: arguments(AIRCRAFT * NAN_DOWN),
-    "radar constants must be greater than 0, got -1": lambda: radar([0, 0, 0, -1]),
-    "every radar .* needs a state": lambda: arguments(radars=[radar(None)]),
-    rf"{SHAPE}, got \(3, 6, 6\)": lambda: arguments(covariance=np.ones((3, 6, 6))),
-    "aircraft at pose 1 is not positive semidefinite": lambda: arguments(
-        covariance=PER_POSE - np.array([0, 0.5])[:, None, None]
-    ),
-    "every radar needs a level": lambda: arguments(radars=[radar(levels={})]),
-    "all radars must have the levels medium, radar 'b' has x": lambda: arguments(
-        radars=[radar(name="a"), radar(name="b", levels={"x": rs.Level(COV_RADAR)})]
-    ),
-    "level must be one of medium, got 'medum'; did": lambda: arguments(level="medum"),
-    "runs must be a whole number not less than 2": lambda: arguments(runs=1),
-    "name must be a name of up to 100 letters": lambda: arguments(name="../x"),
-    r"time_s must have one value for each of 2 poses, got \(1,\)": lambda: arguments(
-        geometry=timed([0.0])
-    ),
-    "correlation_s must be a number not less than 0": lambda: arguments(correlation_s=math.nan),
-}
-
-
-@pytest.mark.parametrize("words", WRONG)
-def test_wrong_arguments_fail_where_they_are_made(words):
-    make = WRONG[words]
-    with pytest.raises(InputError, match=words) as refused:
-        rs.Scenario(**make())
-    assert "\n" not in str(refused.value)
-    with pytest.raises(InputError, match=words):
-        dataclasses.replace(rs.Scenario(**arguments()), **make())
-
-
 def test_the_embedded_scenario_is_the_one_in_configs():
     file = CONFIGS / "paper.yaml"
     assert not file.is_symlink()
