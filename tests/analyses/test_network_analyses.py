@@ -7,7 +7,6 @@ import pytest
 import yaml
 from helpers import (
     CONFIGS,
-    cov_by_level,
     few_draws,
     paper_network,
     parsed_network,
@@ -18,7 +17,6 @@ from helpers import (
 )
 from numpy.testing import assert_allclose, assert_array_equal
 
-import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.rcs import rcs
 from radar_sense.propagation import propagate
@@ -116,31 +114,3 @@ def test_a_list_of_one_radar_is_that_radar_bit_for_bit(tool, monkeypatch, config
         one, other = found
         assert one[:2] == other[:2], line
         assert one[2]["summary"] == other[2]["summary"], line
-
-
-def test_the_map_of_a_network():
-    s = parsed_network(
-        radar_entry("east", position_m=[0, 2e5, -30], constant=20, max_range_km=600),
-        radar_entry("west", position_m=[0, -2e5, -30], constant=30, detector="swerling1"),
-    )
-    area = {"north_km": (-400, 400), "east_km": (-700, 700), "step_km": 100}
-    found = analyses.map(s, upper=True, method="form", **area).table
-    states = np.tile(s.aircraft[0], (9, 15, 1))
-    states[..., 0], states[..., 1] = found["north_m"][:, np.newaxis], found["east_m"]
-    p_d = s.model.p_d(states, s.radar)
-    assert_array_equal(found["p_d"], p_d.astype(np.float32))
-    moments = rs.propagate(
-        s.model, states, s.radar, s.cov_aircraft, cov_by_level(s)["low"], method="form"
-    )
-    seen = s.model.visible(states, s.radar)
-    distance = np.linalg.norm(states[..., :3] - s.radar[:3], axis=-1)
-    error = 3 * (np.sqrt(s.cov_aircraft[0, 0]) + np.sqrt(cov_by_level(s)["low"][0, 0]))
-    crossed = ~seen[..., 0] & (distance - error < 600e3)
-    assert np.count_nonzero(crossed) == 1
-    same = np.isclose(found["upper_3sigma"], moments.upper, rtol=1e-6, equal_nan=True)
-    assert np.array_equal(same, ~crossed)
-    assert np.all(found["upper_3sigma"][crossed] > moments.upper[crossed])
-    assert not seen[..., 0].all()  # the limit of one of them is on the map
-    for i, model in enumerate(s.model.models):
-        by_itself = model.p_d(states, s.radar[4 * i : 4 * i + 4])
-        assert np.all(p_d >= np.where(seen[..., i], by_itself, 0))
