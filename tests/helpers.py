@@ -194,6 +194,24 @@ def shares_of(budget):
     return {**shares, "interaction": budget.interaction.share}
 
 
+def drawn_states(s, runs, seed=1):
+    """Draw states of aircraft (runs, n, 6) and radars (runs, 1, 7m) from the covariances by NumPy.
+
+    Errors of poses are independent here, and no tolerance makes c_r other than Gaussian.
+    """
+    rng, states = np.random.default_rng(seed), s.states()
+    assert not any(s.tolerances)
+    errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft, (runs, len(s.aircraft)))
+    radars = rng.multivariate_normal(states.radar[0], states.cov_radar[0], runs)
+    radars[:, 3::7] = np.maximum(radars[:, 3::7], 0)  # a c_r below 0 counts as 0
+    return s.aircraft + errors, radars[:, np.newaxis]
+
+
+def drawn_p_d(s, runs, seed=1):
+    """P_D (runs, n) of drawn states."""
+    return s.model.unchecked_p_d(*drawn_states(s, runs, seed))
+
+
 def part_shares(budget):
     """Return the share of the variance from each part of a radar constant alone (n,)."""
     return {name: c.share for name, c in budget.parts.items()}

@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 import pytest
-from helpers import csv_text, known_to, required, scenario, write_path, yaml_text
+from helpers import csv_text, drawn_p_d, known_to, required, scenario, write_path, yaml_text
 from routes import HEAD, POSE_HEAD, triangle
 from scipy.constants import Boltzmann
 from scipy.special import ndtr
@@ -437,8 +437,4 @@ def test_a_bound_that_flattens_near_one_is_beyond_the_limit_between_poses():
     """)
     assert analyses.variance(s, threshold=0.9581, k=2).summary["threshold"]["verdict"] == "violated"
     at_top = s.along(s.geometry.at(np.array([58.07])))
-    states, rng = at_top.states(), np.random.default_rng(1)
-    errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft, 200_000)
-    radars = states.radars_at(rng.standard_normal((200_000, states.radar_normals)))
-    p_d = s.model.unchecked_p_d(at_top.aircraft[0] + errors, radars)
-    assert np.mean(p_d > 0.9581) > 1.1 * ndtr(-2)
+    assert np.mean(drawn_p_d(at_top, 200_000) > 0.9581) > 1.1 * ndtr(-2)

@@ -11,6 +11,7 @@ from helpers import (
     OVERHEAD,
     corridor,
     cov_by_level,
+    drawn_p_d,
     known_to,
     required,
     scenario,
@@ -61,16 +62,6 @@ def spikes(lobes, amplitude, floor):
 
 def by_form(s):
     return band_of_scenario(s, method="form")
-
-
-def drawn_p_d(s, runs):
-    """P_D (runs, n) of Gaussian states with independent errors, one radar a run."""
-    rng = np.random.default_rng(5)
-    pose = np.sqrt(np.diag(s.cov_aircraft))
-    radar = s.radar + np.sqrt(np.diag(s.cov_radar)) * rng.standard_normal((runs, 4))
-    radar[:, 3] = np.maximum(radar[:, 3], 0.0)
-    errors = pose * rng.standard_normal((runs, len(s.aircraft), 6))
-    return s.model.p_d(s.aircraft + errors, radar[:, np.newaxis])
 
 
 def test_the_probabilities_of_the_paper():
@@ -126,7 +117,7 @@ def test_of_a_certain_p_d_beyond_the_limit_no_better_knowledge_helps():
 def test_draws_decide(at_least):
     """Compare with the quantiles of a plain loop, and with limits just within and beyond."""
     s = scenario(geometry__azimuth_deg=FEW).with_analysis(level="high")
-    p_d, side = drawn_p_d(s, 40_000), -1 if at_least else 1
+    p_d, side = drawn_p_d(s, 40_000, seed=5), -1 if at_least else 1
     for pose in range(2):
         one = s.at_poses(np.array([pose]))
         quantile = np.quantile(p_d[:, pose], ndtr(2 * side))
@@ -478,10 +469,7 @@ def test_a_probability_is_tested_alone():
         **known_to(0, [0, 0, 5]),
     )
     p_max = 0.99 * float(s.p_d()[0])
-    yaw = np.deg2rad(np.random.default_rng(1).normal(0, 5, 100_000))
-    drawn = np.repeat(s.aircraft, len(yaw), axis=0)
-    drawn[:, 5] += yaw
-    share = np.mean(s.model.p_d(drawn, s.radar) > p_max)
+    share = np.mean(drawn_p_d(s, 100_000) > p_max)
     assert 0.2 < share < 0.35
     for probability, verdict in ((1.3 * share, "holds"), (0.7 * share, "violated")):
         result = analyses.variance(s, threshold=p_max, probability=probability, method="automatic")
@@ -518,15 +506,11 @@ def test_better_knowledge_helps_where_p_d_itself_is_beyond_the_limit_of_a_probab
         **known_to(0, [0, 0, 20], constant=50),
     )
     p_max = 0.98 * float(s.p_d()[0])
-    yaw, c_r = np.random.default_rng(2).standard_normal((2, 400_000))
-    aircraft = np.repeat(s.aircraft, len(yaw), axis=0)
-    aircraft[:, 5] += np.deg2rad(20) * yaw
 
     def share(factor):
         """P(P_D > p_max) by plain draws, with a factor on σ of c_r; its standard error is 0.0007"""
-        radar = np.repeat(s.radar[np.newaxis], len(c_r), axis=0)
-        radar[:, 3] += 50 * factor * c_r
-        return np.mean(s.model.p_d(aircraft, np.maximum(radar, 0)) > p_max)
+        known = s.with_keys({"uncertainty.radar.medium.constant": 50 * float(factor)})
+        return np.mean(drawn_p_d(known, 400_000) > p_max)
 
     least, most = share(0), share(1)
     assert most > least + 0.03
@@ -592,16 +576,12 @@ def test_errors_that_take_p_d_away_from_a_limit_are_not_to_shrink(floor, yaw, re
     """At the top of a lobe errors of yaw lower P_D, at the bottom they raise P_D."""
     s, tail = at_a_lobe(floor, yaw), requirement.tail
     limit, k, at_least = requirement.limit, requirement.k, requirement.at_least
-    normals = np.random.default_rng(3).standard_normal((100_000, 10))
 
     def beyond(factor):
         """P(P_D beyond the limit) by plain draws, with a factor on σ of the attitude."""
-        spread = [10, 10, 10, *np.deg2rad([0.1 * factor, 0.1 * factor, 4 * factor])]
-        radar = s.radar + normals[:, 6:] * [100, 100, 100, 0.35]
-        radar[:, 3] = np.maximum(radar[:, 3], 0)
-        return np.mean(
-            requirement.margin(s.model.p_d(s.aircraft + normals[:, :6] * spread, radar)) < 0
-        )
+        std = [0.1 * factor, 0.1 * factor, 4 * factor]
+        known = s.with_keys({"uncertainty.aircraft.attitude_deg": std})
+        return np.mean(requirement.margin(drawn_p_d(known, 100_000)) < 0)
 
     assert beyond(0) > 1.3 * tail
     assert max(beyond(1), beyond(3)) < tail

@@ -15,6 +15,7 @@ from helpers import (
     CONFIGS,
     OVERHEAD,
     corridor,
+    drawn_states,
     known_to,
     scenario,
     sheet_scenario,
@@ -222,10 +223,7 @@ def test_a_bound_of_a_large_margin_is_right_to_a_quarter_of_a_decibel(km):
         geometry__azimuth_deg={"start": 90, "stop": 90, "step": 2},
     )
     table = rs.analyses.detectors(s, p_d=0.5, method="automatic").table
-    rng, n = np.random.default_rng(1), 200_000
-    aircraft = s.aircraft[0] + rng.standard_normal((n, 6)) * np.sqrt(np.diag(s.cov_aircraft))
-    radar = s.radar + rng.standard_normal((n, 4)) * np.sqrt(np.diag(s.cov_radar))
-    states = (aircraft, radar), (s.aircraft, s.radar)
+    states = drawn_states(s, 200_000), (s.aircraft, s.radar)
     snr, nominal = (10 * np.log10(s.model.snr(*x).ravel()) for x in states)
     low, high = np.quantile(snr - nominal, ndtr([-3, 3])) + table["margin_db"]
     assert table["lower_3sigma_margin_db"][0] == pytest.approx(low, abs=0.35)

@@ -12,6 +12,7 @@ from helpers import (
     corridor,
     csv_text,
     document,
+    drawn_states,
     known_to,
     scenario,
     sheet_scenario,
@@ -88,13 +89,17 @@ def test_the_engagement_zone_of_the_literature():
     assert result.table["range_m_0.15"] == pytest.approx(3041.862, abs=5.6e-3)
 
 
+def drawn(s, draws, seed=1):
+    """Draw errors of the aircraft (draws, 6), and states of the radar (draws, 7)."""
+    aircraft, radars = drawn_states(s.at_poses(slice(1)), draws, seed)
+    return aircraft[:, 0] - s.aircraft[0], radars[:, 0]
+
+
 @cache
 def bands(s, p_d, bearing_deg, draws, seed):
     """Detection ranges (draws,) of one bearing by bisection, with drawn states; flat earth."""
-    rng = np.random.default_rng(seed)
-    pose, radar, model = s.aircraft[0], s.radar, s.model
-    aircraft_errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft, draws)
-    radars = radar + rng.multivariate_normal(np.zeros(4), s.cov_radar, draws)
+    pose, radar = s.aircraft[0], s.radar
+    errors, radars = drawn(s, draws, seed)
     b = math.radians(bearing_deg)
     low, high = np.full(draws, 10e3), np.full(draws, 3e6)
     for _ in range(24):  # to 0.2 m
@@ -102,16 +107,14 @@ def bands(s, p_d, bearing_deg, draws, seed):
         states = np.tile(pose, (draws, 1))
         states[:, 0] = radar[0] + d * math.cos(b)
         states[:, 1] = radar[1] + d * math.sin(b)
-        more = model.p_d(states + aircraft_errors, radars) > p_d
+        more = s.model.p_d(states + errors, radars) > p_d
         low, high = np.where(more, d, low), np.where(more, high, d)
     return np.hypot(low, pose[2] - radar[2])
 
 
 def plain_ranges(s, low, high, p_d=0.5, draws=20_000, step=0.005, seed=1):
     """The farthest ranges (draws,) to the north, 0 for none, of plain draws on a flat earth."""
-    rng, states, pose = np.random.default_rng(seed), s.states(), s.aircraft[0]
-    radars = states.radars_at(rng.standard_normal((draws, states.radar_normals)))
-    errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft, draws)
+    pose, (errors, radars) = s.aircraft[0], drawn(s, draws, seed)
     found, left = np.zeros(draws), np.arange(draws)
     for distance in np.geomspace(high, low, 1 + round(math.log(high / low) / step)):
         place = np.array([s.radar[0] + distance, s.radar[1], *pose[2:]])
@@ -465,10 +468,7 @@ def test_where_form_fails_the_bounds_are_those_of_plain_draws(metres):
     s = rs.load_scenario(CONFIGS / "table.yaml", keys).with_analysis(level="high")
     bearings = np.deg2rad([0, 90])
     found = on_rays(s, 0, 90)
-    rng, n = np.random.default_rng(5), 60_000
-    root = np.linalg.cholesky(s.cov_aircraft)
-    radars = s.radar + rng.standard_normal((n, 4)) * np.sqrt(np.diag(s.cov_radar))
-    radars[:, 3] = np.maximum(radars[:, 3], 0)
+    errors, radars = drawn(s, 60_000)
     for end, tail in (("lower", 1 - ndtr(-3)), ("upper", ndtr(-3))):
         slant = getattr(found, end)
         assert np.isfinite(slant).all()
@@ -478,9 +478,8 @@ def test_where_form_fails_the_bounds_are_those_of_plain_draws(metres):
             for off in (0.96, 1.04):
                 along = math.sqrt(max((off * r) ** 2 - pose[2] ** 2, 0))
                 pose[:2] = along * np.cos(bearing), along * np.sin(bearing)
-                states = pose + rng.standard_normal((n, 6)) @ root.T
-                shares.append(np.mean(s.model.p_d(states, radars) > 0.5))
-            error = 4 * math.sqrt(tail * (1 - tail) / n)
+                shares.append(np.mean(s.model.p_d(pose + errors, radars) > 0.5))
+            error = 4 * math.sqrt(tail * (1 - tail) / len(radars))
             within = shares[1] - error <= tail <= shares[0] + error
             assert within or (r == 0 and shares[0] < tail) or warned
 
@@ -596,7 +595,8 @@ DRAWN = {
         {"beam": " ".join(f"{0.5 * i},{-12 * (i % 2)}" for i in range(41)),
          **flying(0, 0, model="constant", rcs_m2=0.3), "geometry__down_km": -3,
          "radar__max_range_km": 40, "radar__constant": 0.02384,
-         **known_to(50, 1, position_m=[2000, 2000, 20])}, (2.5e4, 4.6e4), {"k": 2.0}),
+         **known_to(50, 1, position_m=[2000, 2000, 20])},
+        (2.5e4, 4.6e4), {"k": 2.0, "step": 0.002}),
     "banked, the aircraft passes its pole, where the azimuth turns fast": (
         {**flying(45, -90, **lobes(4, 2.0, 0.01)), "geometry__down_km": -9,
          "radar__constant": 1.471e-5, **known_to(10, 1, position_m=10, constant=7.35e-7)},

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import CONFIGS, known_to, required, scenario
+from helpers import CONFIGS, drawn_p_d, known_to, required, scenario, with_arrays
 from scipy.constants import Boltzmann
 from scipy.optimize import brentq
 from scipy.special import ndtr
@@ -122,12 +122,9 @@ def test_draws_let_a_source_grow_beside_narrow_lobes_where_form_does_not():
     search = accuracy._Search(s, Requirement(0.95), "automatic")
     factor = search.required(("aircraft_orientation",)).factor
     assert factor > 10
-    rng, growth, n = np.random.default_rng(1), np.repeat([1, 0.98 * factor], 3), 400_000
-    states = s.states()
-    errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft * np.outer(growth, growth), n)
-    radars = states.radars_at(rng.standard_normal((n, states.radar_normals)))
-    above = np.mean(s.model.unchecked_p_d(s.aircraft[0] + errors, radars) > 0.95)
-    assert ndtr(-3) / 2 < above < ndtr(-3)
+    growth = np.repeat([1, 0.98 * factor], 3)
+    grown = with_arrays(s, cov_aircraft=s.cov_aircraft * np.outer(growth, growth))
+    assert ndtr(-3) / 2 < np.mean(drawn_p_d(grown, 400_000) > 0.95) < ndtr(-3)
 
 
 @pytest.mark.parametrize("step", [2.5, 0.625])
