@@ -6,17 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import (
-    OVERHEAD,
-    SOURCES,
-    csv_text,
-    document,
-    known_to,
-    scenario,
-    shares_of,
-    small_batches,
-    yaml_text,
-)
+from helpers import OVERHEAD, SOURCES, csv_text, known_to, scenario, shares_of, small_batches
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -479,28 +469,31 @@ def test_poses_without_a_band_have_no_coverage():
     assert np.isnan(nowhere.summary["coverage_overall"])
 
 
-@pytest.mark.parametrize("elevations", [(None,), (-30, 30)])
-def test_a_table_by_azimuth_only_is_the_same_at_any_elevation(tool, elevations):
-    rows = [f"{a},{e},{1 + a / 90}" for a in (0, 45, 90, 135, 180) for e in elevations]
-    text = "\n".join(["azimuth_deg,elevation_deg,rcs_m2", *rows])
-    flat = elevations == (None,)
-    Path("rcs.csv").write_text(text.replace(",None", "").replace(",elevation_deg" * flat, ""))
-    rcs = {"model": "table", "file": "rcs.csv", "mirror": True}
-    content = document(aircraft__rcs=rcs, radar__position_m=[0, 0, -3e3])
-    Path("my.yaml").write_text(yaml_text(content))
-    code, out, err = tool("rcs", "my.yaml", "--no-plot")
-    assert (code, err) == (0, "")
+def rcs_of(rows, head="azimuth_deg,elevation_deg,rcs_dbsm", **changes):
+    """Return what `rcs` says of a table, which is written to the current folder."""
+    Path("rcs.csv").write_text(csv_text(head, rows))
+    rcs = {"model": "table", "file": "rcs.csv"}
+    return analyses.rcs(scenario(aircraft__rcs=rcs, **changes)).report
+
+
+@pytest.mark.parametrize("elevations", [(), (-30, 30)])
+def test_a_table_by_azimuth_only_is_the_same_at_any_elevation(here, elevations):
+    rows = [
+        (a, *e, 1 + min(a, 360 - a) / 90)
+        for a in range(0, 360, 45)
+        for e in ([(e,) for e in elevations] or [()])
+    ]
+    head = "azimuth_deg,elevation_deg,rcs_m2" if elevations else "azimuth_deg,rcs_m2"
     # a table says nothing beyond its elevations
-    end = "any elevation" if flat else "any elevation of the table"
-    assert f"largest RCS 4.8 dBsm at azimuth -180 deg, {end}\n" in out
+    end = "any elevation of the table" if elevations else "any elevation"
+    largest, *_ = rcs_of(rows, head, radar__position_m=[0, 0, -3e3])
+    assert largest == f"largest RCS 4.8 dBsm at azimuth -180 deg, {end}"
 
 
 def test_the_extremes_of_an_rcs_are_found_between_the_steps_of_its_table(here):
     rows = [(a + 0.125, 20 if a == 35 else -10) for a in range(-180, 180)]
-    Path("rcs.csv").write_text(csv_text("azimuth_deg,rcs_dbsm", rows))
-    content = document(aircraft__rcs={"model": "table", "file": "rcs.csv"})
-    table = analyses.rcs(rs.parse_scenario(yaml_text(content)))
-    assert table.report[0] == "largest RCS 20.0 dBsm at azimuth 35.125 deg, any elevation"
+    found, *_ = rcs_of(rows, "azimuth_deg,rcs_dbsm")
+    assert found == "largest RCS 20.0 dBsm at azimuth 35.125 deg, any elevation"
     lobes = {"model": "spikeball", "lobes": 7, "amplitude_m2": 0.18, "floor_m2": 0.1}
     largest, smallest, *_ = analyses.rcs(scenario(aircraft__rcs=lobes)).report
     assert largest.startswith("largest RCS -5.5 dBsm at 7 of ")
@@ -509,15 +502,9 @@ def test_the_extremes_of_an_rcs_are_found_between_the_steps_of_its_table(here):
 
 def test_the_extremes_of_an_rcs_are_found_between_the_elevations_of_its_table(here):
     """The natural and clamped curves through the nodes swing beyond both."""
-    levels = [0, 0, 0, 0, 10, 10, 0, 0, 0]
-    rows = [
-        (a, e, level)
-        for a in range(-180, 180, 10)
-        for e, level in zip(range(-20, 21, 5), levels, strict=True)
-    ]
-    Path("rcs.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_dbsm", rows))
-    content = document(aircraft__rcs={"model": "table", "file": "rcs.csv"})
-    largest, smallest, *_ = analyses.rcs(rs.parse_scenario(yaml_text(content))).report
+    levels = {e: 10 if e in (0, 5) else 0 for e in range(-20, 21, 5)}
+    rows = [(a, e, level) for a in range(-180, 180, 10) for e, level in levels.items()]
+    largest, smallest, *_ = rcs_of(rows)
     assert largest == "largest RCS 12.0 dBsm at any azimuth, elevation 2.5 deg"
     assert smallest.startswith("smallest RCS -1.0 dBsm at any azimuth, elevation -")
 

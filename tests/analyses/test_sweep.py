@@ -20,19 +20,30 @@ VALUES = (100.0, 150.0, 200.0)
 SWEPT = {"key": "radar.constant", "start": 100, "stop": 200, "step": 50}
 
 
-@pytest.mark.parametrize(("method", "k"), [("linear", 3), ("form", 2)])
-def test_each_row_is_what_variance_says_of_the_value(method, k):
-    options = {"method": method, "threshold": 0.9, "k": k}
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"method": "linear", "threshold": 0.9},
+        {"method": "form", "threshold": 0.9, "k": 2},
+        {"method": "linear", "at_least": 0.3},
+    ],
+)
+def test_each_row_is_what_variance_says_of_the_value(options):
+    """With `at_least` the smallest P_D and the lower bound take the places of the others."""
+    least, k = "at_least" in options, options.get("k", 3)
+    extreme, of, end = (np.min, "lowest", "lower") if least else (np.max, "highest", "upper")
     found = analyses.sweep(rs.load_scenario(), **options, **SWEPT).table
     assert found["radar_constant"].tolist() == list(VALUES)
     for row, value in enumerate(VALUES):
         one = analyses.variance(rs.load_scenario(changes={"radar.constant": value}), **options)
-        pose = int(np.argmax(one.table["p_d"]))
-        assert found["highest_p_d"][row] == one.table["p_d"][pose]
-        assert found["upper"][row] == one.table[f"upper_{k}sigma"][pose]
-        if k == 3:  # else the table of a threshold has the upper bound alone
-            assert found["lower"][row] == one.table["lower_3sigma"][pose]
-        assert found["highest_upper"][row] == one.table[f"upper_{k}sigma"].max()
+        bound = one.table[f"{end}_{k}sigma"]
+        pose = one.table["p_d"].tolist().index(extreme(one.table["p_d"]))
+        assert found[f"{of}_p_d"][row] == one.table["p_d"][pose]
+        assert found[end][row] == bound[pose]
+        if k == 3:  # else the table of a threshold has one bound alone
+            for name in ("lower", "upper"):
+                assert found[name][row] == one.table[f"{name}_3sigma"][pose]
+        assert found[f"{of}_{end}"][row] == extreme(bound)
         assert found["largest_three_sigma"][row] == 3 * one.table["sigma_pd"].max()
         assert found["margin"][row] == one.summary["threshold"]["worst_margin"]["value"]
         assert found["violated"][row] == one.table["violated"].max()
@@ -55,6 +66,10 @@ def test_the_answer_of_a_threshold_is_where_it_holds():
     assert low.table["violated"].tolist() == [0, 1, 1]
     assert low.summary["threshold"]["holds"] == [20.0]
     assert list(low.report[1:3]) == ["holds at 20", "VIOLATED at 110 to 200"]
+    least = analyses.sweep(rs.load_scenario(), at_least=0.2, **SWEPT)
+    heading = "P_D - 3 sigma >= 0.2 by radar.constant:"
+    assert list(least.report[:3]) == [heading, "holds at 200", "VIOLATED at 100 to 150"]
+    assert (least.passed, least.summary["threshold"]["p_min"]) == (True, 0.2)
 
 
 def test_a_value_that_is_implausible_is_warned_of_and_not_that_of_the_file():
@@ -169,23 +184,3 @@ def test_of_poses_with_the_same_p_d_the_widest_band_counts():
     assert np.ptp(width) > 0.04
     found = analyses.sweep(s, key="radar.constant", start=167, stop=200, step=33).table
     assert found["upper"][0] - found["lower"][0] == width.max()
-
-
-def test_at_least_looks_at_the_smallest_p_d():
-    s = rs.load_scenario(changes={"geometry.azimuth_deg": "{start: 30, stop: 60, step: 30}"})
-    result = analyses.sweep(s, at_least=0.3, **SWEPT)
-    verdicts = []
-    for row, value in enumerate(VALUES):
-        one = analyses.variance(s.with_keys({"radar.constant": f"{value}"}), at_least=0.3)
-        verdicts.append(one.summary["threshold"]["verdict"])
-        assert result.table["lowest_p_d"][row] == one.table["p_d"].min()
-        assert result.table["lowest_lower"][row] == one.table["lower_3sigma"].min()
-        assert result.table["margin"][row] == one.table["margin"].min()
-    assert verdicts == ["violated", "violated", "holds"]
-    assert list(result.report[:3]) == [
-        "P_D - 3 sigma >= 0.3 by radar.constant:",
-        "holds at 200",
-        "VIOLATED at 100 to 150",
-    ]
-    assert result.passed
-    assert result.summary["threshold"]["p_min"] == 0.3

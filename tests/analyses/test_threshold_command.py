@@ -145,15 +145,6 @@ def test_a_probability_in_place_of_k():
         np.testing.assert_allclose(by_k.table[column], result.table[column], atol=1e-12)
 
 
-def test_k_without_a_threshold_is_the_band(tmp_path):
-    result = rs.analyses.variance(rs.load_scenario(write(tmp_path)), k=2, method="linear")
-    assert any("(2 sigma)" in line for line in result.report)
-    for end, sign in (("lower", -1), ("upper", 1)):
-        band = result.table["p_d"] + sign * 2 * result.table["sigma_pd"]
-        assert result.table[f"{end}_2sigma"] == pytest.approx(band, rel=1e-12)
-    assert "margin" not in result.table
-
-
 def test_the_threshold_is_drawn():
     some = rs.load_scenario().at_poses(slice(0, None, 20))
     result = rs.analyses.variance(some, threshold=0.5, k=2, method="linear")

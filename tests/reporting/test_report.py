@@ -339,16 +339,6 @@ def test_the_same_bytes_whatever_the_number_of_workers(tool, flight, tmp_path, m
     assert written == flight.html(["radar-sense", *names])
 
 
-@pytest.mark.parametrize(("p_max", "code"), [(0.1, 3), (0.6, 0)])
-@pytest.mark.usefixtures("undrawn")
-def test_exit_codes(tool, p_max, code):
-    text = yaml_text(document(geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1}))
-    Path("my.yaml").write_text(text, encoding="utf-8")
-    options = "--threshold", p_max, "--k", 2, "--method", "linear", "-q"
-    assert tool("report", "my.yaml", *options) == (code, "", "")
-    assert Path("figures/paper_report.html").exists()
-
-
 def test_a_figure_that_cannot_be_drawn_leaves_nothing(tool, monkeypatch):
     Path("my.yaml").write_text(yaml_text(document(geometry__azimuth_deg=FEW)), encoding="utf-8")
 
