@@ -63,8 +63,13 @@ yaml_text = partial(
 
 
 def document(of=PAPER, /, **changes):
-    """The paper's document, or another, with other values at key paths, `__` between the keys."""
+    """The paper's document, or another, with other values at key paths, `__` between the keys.
+
+    Radars in the changes take the place of the only radar, each with its own uncertainty.
+    """
     changed = copy.deepcopy(of)
+    if "radars" in changes and "radar" in changed:
+        del changed["radar"], changed["uncertainty"]["radar"]
     for path, value in changes.items():
         *parents, key = path.split("__")
         where = changed
@@ -110,17 +115,12 @@ def csv_text(head, rows):
 
 
 def write_path(folder, text, name="scenario.yaml", /, **changes):
-    """Write a route and a scenario that flies it, with changes; return the scenario's path.
-
-    Radars in the changes take the place of the only radar, each with its own uncertainty.
-    """
+    """Write a route and a scenario that flies it, with changes; return the scenario's path."""
     (folder / "route.csv").write_text(text)
     content = document(geometry={"type": "path", "file": "route.csv"}, radar__constant=50)
     del content["aircraft"]["attitude_deg"]
     if "std_" in text or "cov_" in text:
         del content["uncertainty"]["aircraft"]
-    if "radars" in changes:
-        del content["radar"], content["uncertainty"]["radar"]
     file = folder / name
     file.write_text(yaml_text(document(content, **changes)))
     return file
@@ -537,12 +537,14 @@ def radar_entry(name, /, **changes):
 
 def network_document(*radars, **changes):
     """Document of the embedded scenario, with fewer poses and other radars."""
-    found = yaml.safe_load(default_text())
-    del found["radar"], found["uncertainty"]["radar"]
-    found["geometry"]["azimuth_deg"]["step"] = 45
-    found["analysis"]["level"] = "low"
-    found["radars"] = list(radars)
+    few = {"geometry__azimuth_deg__step": 45, "analysis__level": "low"}
+    found = document(radars=list(radars), **few)
     return {k: v for k, v in {**found, **changes}.items() if v is not None}
+
+
+def paper_radar(name, **changes):
+    """One of `radars` of a document: the paper's, with its uncertainty."""
+    return {"name": name, **PAPER["radar"], "uncertainty": PAPER["uncertainty"]["radar"], **changes}
 
 
 def parsed_network(*radars, **changes):
@@ -620,19 +622,16 @@ def mixed_radars(search_std=MIXED_SEARCH_STD, track_std=MIXED_TRACK_STD, **more)
 
 def mixed_document(several=None, sweep=(30, 90, 30), runs=500, aircraft=None, **changes):
     """Document of a scenario with several radars."""
-    found = yaml.safe_load(default_text())
-    del found["radar"]
-    found["radars"] = mixed_radars() if several is None else several
-    found["aircraft"]["rcs"] = {"model": "constant", "rcs_m2": MIXED_AREA}
     start, stop, step = sweep
-    found["geometry"] |= {
-        "range_km": MIXED_RANGE / 1e3,
-        "down_km": MIXED_DOWN / 1e3,
-        "azimuth_from": "north",
-        "azimuth_deg": {"start": start, "stop": stop, "step": step},
-    }
-    found["uncertainty"] = {"aircraft": aircraft or {"position_m": 50, "attitude_deg": 1}}
-    found["analysis"] = {"level": "sheet", "runs": runs, "seed": 1}
+    orbit = {"range_km": MIXED_RANGE / 1e3, "down_km": MIXED_DOWN / 1e3, "azimuth_from": "north"}
+    azimuths = {"start": start, "stop": stop, "step": step}
+    found = document(
+        radars=mixed_radars() if several is None else several,
+        aircraft__rcs={"model": "constant", "rcs_m2": MIXED_AREA},
+        geometry={"type": "orbit", **orbit, "azimuth_deg": azimuths},
+        uncertainty={"aircraft": aircraft or {"position_m": 50, "attitude_deg": 1}},
+        analysis={"level": "sheet", "runs": runs, "seed": 1},
+    )
     return {**found, **changes}
 
 

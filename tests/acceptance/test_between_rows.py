@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 import pytest
-from helpers import csv_text, drawn_p_d, known_to, required, scenario, write_path, yaml_text
+from helpers import csv_text, drawn_p_d, known_to, required, scenario, write_path
 from routes import HEAD, POSE_HEAD, triangle
 from scipy.constants import Boltzmann
 from scipy.special import ndtr
@@ -115,31 +115,24 @@ def lobes(count, floor=0.0, amplitude=1.0):
     return {"model": "spikeball", "lobes": count, "amplitude_m2": amplitude, "floor_m2": floor}
 
 
-def orbit(start, stop, step, rcs, *radars, attitude_deg=(0, 0, 0), std=10, folder="."):
+def orbit(start, stop, step, rcs, *radars, std=10):
     """An orbit at 50 km by compass azimuth, of an aircraft with a heading of north."""
     azimuths = {"start": start, "stop": stop, "step": step}
     circle = {"type": "orbit", "range_km": 50, "down_km": -3, "azimuth_from": "north"}
-    content = {
-        "name": "gaps",
-        "radars": list(radars),
-        "aircraft": {"rcs": rcs, "attitude_deg": list(attitude_deg)},
-        "geometry": {**circle, "azimuth_deg": azimuths},
-        "uncertainty": {"aircraft": {"position_m": std, "attitude_deg": 0.01}},
-        "analysis": {"level": "l"},
-    }
-    return rs.parse_scenario(yaml_text(content), f"{folder}/gaps.yaml")
+    return scenario(
+        radars=list(radars),
+        aircraft={"rcs": rcs, "attitude_deg": [0, 0, 0]},
+        geometry={**circle, "azimuth_deg": azimuths},
+        uncertainty={"aircraft": {"position_m": std, "attitude_deg": 0.01}},
+        analysis={"level": "l"},
+    )
 
 
 def one(constant, **keys):
     """A radar at the origin."""
     known = {"l": {"position_m": 1, "constant": 0}}
-    return {
-        "position_m": [0, 0, 0],
-        "p_fa": 1e-6,
-        "constant": constant,
-        "uncertainty": known,
-        **keys,
-    }
+    of_all = {"name": "a", "position_m": [0, 0, 0], "p_fa": 1e-6, "uncertainty": known}
+    return {**of_all, "constant": constant, **keys}
 
 
 def verdict(s, **test):
@@ -148,14 +141,14 @@ def verdict(s, **test):
 
 def test_a_gap_half_way_between_the_last_two_poses():
     """P_D of the two is the same but for rounding."""
-    s = orbit(79, 87, 2, lobes(18), one(0.052, name="a"))
+    s = orbit(79, 87, 2, lobes(18), one(0.052))
     assert s.along(s.geometry.at(np.array([80.0]))).p_d()[0] < 1e-4
     assert verdict(s, at_least=0.9) == "violated"
 
 
 def test_poses_that_lie_half_way_between_top_and_gap():
     """All of 11 poses at steps of half a lobe have one P_D, and the gaps between them less."""
-    s = orbit(2.25, 47.25, 4.5, lobes(40, 0.01), one(0.174, name="a"))
+    s = orbit(2.25, 47.25, 4.5, lobes(40, 0.01), one(0.174))
     gaps = s.along(s.geometry.at(np.arange(4.5, 46.0, 4.5)))
     assert s.p_d().min() > 0.99
     assert gaps.p_d().min() < 0.89
@@ -165,7 +158,7 @@ def test_poses_that_lie_half_way_between_top_and_gap():
 def test_a_gap_that_a_radar_at_its_limit_fills():
     """Radar a sees all of the arc, but for errors of its place: b has a gap at 60 deg."""
     known = {"l": {"position_m": 300, "constant": 0}}
-    a = one(0.574, name="a", band="s", max_range_km=25.695) | {"uncertainty": known}
+    a = one(0.574, band="s", max_range_km=25.695) | {"uncertainty": known}
     radars = [a | {"position_m": [0, 40000, 0]}, one(0.07, name="b", band="x")]
     rcs = {"bands": {"s": {"model": "constant", "rcs_m2": 1}, "x": lobes(12, 0.02)}}
     s = orbit(47, 73, 2, rcs, *radars, std=1)
@@ -175,7 +168,7 @@ def test_a_gap_that_a_radar_at_its_limit_fills():
 
 def test_lobes_by_azimuth_pass_fast_beside_the_pole_of_the_aircraft():
     """Level, 10 km up and 87 m beside a radar, it turns 120 deg of azimuth within 300 m."""
-    s = orbit(0, 10, 5, lobes(4), one(1, name="a"))
+    s = orbit(0, 10, 5, lobes(4), one(1))
     path = [[north, 87, -10e3, 0, 0, 0] for north in (-150, 150)]
     flown = s.along(rs.Path.of([0, 1], path))
     (turn,) = refinement.coarseness(flown) * refinement.LARGEST_TURN
@@ -187,7 +180,7 @@ def test_an_error_of_the_rcs_that_is_large_at_one_aspect(tmp_path):
     rows = [(a, 1.0, 8.0 if a == 90 else 1.0) for a in range(0, 360, 5)]
     (tmp_path / "rcs.csv").write_text(csv_text("azimuth_deg,rcs_m2,std_db", rows))
     table = {"model": "table", "file": str(tmp_path / "rcs.csv")}
-    s = orbit(256.25, 283.75, 2.5, table, one(0.261, name="a"), std=1)
+    s = orbit(256.25, 283.75, 2.5, table, one(0.261), std=1)
     e = np.random.default_rng(1).standard_normal(400_000)
     radar = s.radars[0].model
     snr = radar.snr(s.along(s.geometry.at(np.array([270.0]))).aircraft, s.radar)[0]
@@ -198,7 +191,7 @@ def test_an_error_of_the_rcs_that_is_large_at_one_aspect(tmp_path):
 
 def test_the_time_above_leaves_out_gaps():
     """18 lobes have a gap every 20 deg; P_D > 0.9 by a dense grid."""
-    s = orbit(2.5, 82.5, 5, lobes(18), one(0.0087, name="a"), std=0.1)
+    s = orbit(2.5, 82.5, 5, lobes(18), one(0.0087), std=0.1)
     dense = s.along(s.geometry.at(np.linspace(2.5, 82.5, 80_001))).p_d()
     found = analyses.variance(s, threshold=0.9).summary["threshold"]
     assert found["above_deg"] == pytest.approx(80 * np.mean(dense > 0.9), rel=0.02)

@@ -629,21 +629,20 @@ def test_a_span_ends_where_the_margin_is_zero_and_at_a_jump():
 
 def test_p_d_itself_is_that_of_the_whole_path():
     """The bound is beyond the limit where P_D is small, beside a poorly known radar."""
-    radars = {"known": (8e3, 1.2e-5, 1), "mobile": (-30e3, 2e-6, 3000)}
-    each = [
-        f"{{name: {name}, position_m: [0, {east}, -20], p_fa: 1e-6, constant: {constant}, "
-        f"uncertainty: {{n: {{position_m: {std}, constant: 1e-8}}}}}}"
-        for name, (east, constant, std) in radars.items()
-    ]
-    s = rs.parse_scenario(f"""
-        name: most
-        radars: [{", ".join(each)}]
-        aircraft: {{rcs: {{model: constant, rcs_m2: 0.5}}, attitude_deg: [0, 0, 0]}}
-        geometry: {{type: orbit, range_km: 20, down_km: -3, azimuth_from: north,
-                   azimuth_deg: {{start: 0, stop: 360, step: 10}}}}
-        uncertainty: {{aircraft: {{position_m: 1, attitude_deg: 0.1}}}}
-        analysis: {{level: n}}
-    """)
+    radars = [
+        {"name": name, "position_m": [0, east, -20], "p_fa": 1e-6, "constant": constant,
+         "uncertainty": {"n": {"position_m": std, "constant": 1e-8}}}
+        for name, east, constant, std in (("known", 8e3, 1.2e-5, 1), ("mobile", -3e4, 2e-6, 3000))
+    ]  # fmt: skip
+    s = scenario(
+        radars=radars,
+        aircraft={"rcs": {"model": "constant", "rcs_m2": 0.5}, "attitude_deg": [0, 0, 0]},
+        geometry__range_km=20,
+        geometry__azimuth_from="north",
+        geometry__azimuth_deg={"start": 0, "stop": 360, "step": 10},
+        uncertainty={"aircraft": {"position_m": 1, "attitude_deg": 0.1}},
+        analysis={"level": "n"},
+    )
     s = s.at_states(s.aircraft[[9, 27]])
     report = "\n".join(rs.analyses.variance(s, threshold=0.85).report)
     assert "VIOLATED at pose " in report

@@ -6,17 +6,7 @@ import chain_rule
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    OVERHEAD,
-    SOURCES,
-    document,
-    known_to,
-    required,
-    scenario,
-    shares_of,
-    stds_of,
-    yaml_text,
-)
+from helpers import OVERHEAD, SOURCES, known_to, required, scenario, shares_of, stds_of, yaml_text
 from scipy.constants import Boltzmann
 from scipy.stats import norm
 
@@ -408,19 +398,16 @@ def test_a_source_without_a_value_is_not_dominant():
 
 def test_of_equals_none_dominates():
     """Two radars at one place have one effect; a third, with a constant known worse, has more."""
-    content = document()
     one = {"p_fa": 1e-6, "position_m": [0, 0, 0], "constant": 160}
     known, worse = ({"medium": {"position_m": 0, "constant": of}} for of in (2, 4))
-    certain = {"position_m": 0, "attitude_deg": 0}
-    del content["radar"], content["uncertainty"]["radar"]
+    certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
     for third, expected in ((known, None), (worse, "r2")):
-        content["radars"] = [
+        radars = [
             {**one, "name": f"r{i}", "uncertainty": levels}
             for i, levels in enumerate((known, known, third))
         ]
-        content["uncertainty"]["aircraft"] = certain
-        content["analysis"]["level"] = "medium"
-        found = analyses.budget(rs.parse_scenario(yaml_text(content)))
+        s = scenario(radars=radars, uncertainty=certain, analysis__level="medium")
+        found = analyses.budget(s)
         assert found.summary["dominant"] == expected
         assert found.summary["dominates"] == ({expected: "at all 361 poses"} if expected else {})
 

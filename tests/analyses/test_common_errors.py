@@ -53,7 +53,6 @@ def network(names=tuple(RADARS), rcs_db=0.0, attenuation=None):
         uncertainty={"aircraft": {"position_m": POSE, "attitude_deg": 1, "rcs_db": rcs_db}},
         radars=[],
     )
-    del content["radar"]
     for name in names:
         at, std, (constant, std_constant) = RADARS[name]
         entry, level = {}, {}

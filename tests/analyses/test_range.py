@@ -1,7 +1,6 @@
 """Detection range and its band, against formulas and against draws of plain loops."""
 
 import dataclasses
-import json
 import math
 from functools import cache
 
@@ -14,6 +13,7 @@ from helpers import (
     document,
     drawn_states,
     known_to,
+    paper_radar,
     scenario,
     sheet_scenario,
     with_arrays,
@@ -173,10 +173,8 @@ def test_by_aspect_the_aircraft_turns():
 
 
 def test_a_limit_comes_first():
-    base = document(radar__constant=5000, aircraft__rcs=SPHERE, radar__position_m=[0, 0, -50])
-    base["radars"] = [{"name": "one", **base.pop("radar"), "horizon": True,
-                       "uncertainty": base["uncertainty"].pop("radar")}]  # fmt: skip
-    result = detection_range(parse_scenario(json.dumps(base)), p_d=0.1, **QUICK)
+    radar = paper_radar("one", constant=5000, position_m=[0, 0, -50], horizon=True)
+    result = detection_range(scenario(radars=[radar], aircraft__rcs=SPHERE), p_d=0.1, **QUICK)
     height = -result.scenario.aircraft[0, 2]
     farthest = horizon_range(np.array(50.0), np.array(height))
     assert result.table["range_m_0.1"] == pytest.approx(farthest, rel=1e-9)

@@ -1,7 +1,6 @@
 """The map: cells against the model, bounds against propagate, the files and the figure."""
 
 import dataclasses
-import json
 import math
 import re
 
@@ -15,6 +14,7 @@ from helpers import (
     document,
     known_to,
     lay_out,
+    paper_radar,
     scenario,
     with_arrays,
     yaml_text,
@@ -409,16 +409,14 @@ def test_cells_beyond_the_table_of_the_rcs_are_counted(tmp_path):
     """A cell counts once, whichever of the radars the aircraft sees beyond the table."""
     rows = [(azimuth, e, 1) for azimuth in (0, 90, 180, 270) for e in (-30, 30)]
     (tmp_path / "rcs.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_m2", rows))
-    given = document(geometry__down_km=-20)
-    given["aircraft"]["rcs"] = {"model": "table", "file": str(tmp_path / "rcs.csv")}
-    one = {**given.pop("radar"), "uncertainty": given["uncertainty"].pop("radar")}
-    given["radars"] = [
-        {"name": name, **one, "position_m": [north, 0, 0]}
-        for name, north in (("south", -20e3), ("north", 20e3))
-    ]
-    result = coverage_map(
-        rs.parse_scenario(json.dumps(given)), north_km=(-200, 200), east_km=(-105, 105), step_km=10
+    s = scenario(
+        geometry__down_km=-20,
+        aircraft__rcs={"model": "table", "file": str(tmp_path / "rcs.csv")},
+        radars=[
+            paper_radar(f"r{i}", position_m=[north, 0, 0]) for i, north in enumerate((-2e4, 2e4))
+        ],
     )
+    result = coverage_map(s, north_km=(-200, 200), east_km=(-105, 105), step_km=10)
     north, east = np.meshgrid(result.table["north_m"], result.table["east_m"])
     near = 20e3 / math.tan(math.pi / 6)
     count = np.count_nonzero(np.hypot(abs(north) - 2e4, east) < near)  # of the nearer radar
