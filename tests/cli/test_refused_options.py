@@ -33,10 +33,7 @@ REFUSED = {
     # options that need or exclude each other
     "variance --threshold 0.6 --at-least 0.2": "--threshold and --at-least exclude each other",
     "variance --probability 0.05": "Error: --probability needs --threshold or --at-least\n",
-    "budget --probability 0.05": "Error: --probability needs --threshold or --at-least\n",
-    "sweep radar.constant 1 2 1 --probability 0.05": "Error: --probability needs --threshold or",
     "variance --threshold 0.6 --probability 0.05 --k 2": "--k and --probability exclude each other",
-    "budget --threshold 0.6 --probability 0.05 --k 2": "--k and --probability exclude each other",
     "budget --k 2": "--k needs --threshold",
     "budget --target 0.1 --threshold 0.5": "exclude each other; give one",
     "budget --target 0.5 --at-least 0.5": "--target and --at-least exclude each other; give one",
