@@ -11,13 +11,11 @@ from helpers import (
     CONFIGS,
     corridor,
     csv_text,
-    document,
     known_to,
     lay_out,
     paper_radar,
     scenario,
     with_arrays,
-    yaml_text,
 )
 from matplotlib.collections import LineCollection
 from scipy.optimize import brentq
@@ -154,15 +152,11 @@ def test_blocks_and_threads_do_not_matter(monkeypatch, compute):
             assert a.tobytes() == b.tobytes()
 
 
-#: Cells, as row and column, at which all headings are tried.
-TRIED = ((0, 0), (1, 1), (1, 0))
-
-
 def brute_force(s, cells, count=20_000):
-    """Largest P_D over headings in some cells, by the model at very many headings."""
-    states = np.repeat(cells.states()[tuple(np.transpose(TRIED))][:, np.newaxis], count, axis=1)
+    """Largest P_D over headings in each cell, by the model at very many headings."""
+    states = np.repeat(cells.states()[..., np.newaxis, :], count, axis=-2)
     states[..., 5] = np.linspace(0, 2 * np.pi, count)
-    return s.model.p_d(states, s.radar).max(axis=1)
+    return s.model.p_d(states, s.radar).max(axis=-1)
 
 
 RCS = {
@@ -189,17 +183,14 @@ def test_the_worst_heading_is_that_of_brute_force(rcs, attitude):
     cells = area.grid(s, **sides)
     largest, heading = area.worst_p_d_in_cells(cells)
     expected = brute_force(s, cells)
-    found = np.array([largest[cell] for cell in TRIED])
     assert np.ptp(expected) > 0.1  # neither 0 nor 1 everywhere
     # 20 000 headings miss the peak of a lobe by 1.6e-4 rad at most
-    assert np.all(found >= expected - 1e-6)
-    np.testing.assert_allclose(found, expected, atol=1e-3)
-    # the value is P_D at the named heading, and not less than at any other
+    assert np.all(largest >= expected - 1e-6)
+    np.testing.assert_allclose(largest, expected, atol=1e-3)
+    # the value is P_D at the named heading
     aircraft = cells.states()
     aircraft[..., 5] = np.deg2rad(heading)
     np.testing.assert_allclose(s.model.p_d(aircraft, s.radar), largest, atol=2e-5)
-    for course in np.deg2rad([0, 77, 181]):
-        assert np.all(area.p_d_in_cells(area.grid(s, course=course, **sides))[0] <= largest)
 
 
 @pytest.mark.parametrize(
@@ -211,10 +202,9 @@ def test_of_two_lobes_the_higher_one_is_found(tmp_path, second, lower, other):
     rows = [(a, lower if a == 90 else -10.0) for a in [*nodes, other]] + [(second, 10.3)]
     s = steep(tmp_path, sorted(rows))
     cells = area.grid(s, north_km=(24, 26), east_km=(0, 2), step_km=1)
-    found, _ = area.worst_p_d_in_cells(cells)
     expected = brute_force(s, cells)
-    assert 0.05 < expected.min() < 0.9
-    np.testing.assert_allclose([found[cell] for cell in TRIED], expected, atol=1e-4)
+    assert 0.04 < expected.min() < 0.9
+    np.testing.assert_allclose(area.worst_p_d_in_cells(cells)[0], expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("seed", [14, 50, 71, 78])
@@ -223,24 +213,21 @@ def test_the_worst_heading_of_a_table_of_random_lobes(tmp_path, seed):
     values = np.random.default_rng(seed).uniform(-12, 10, 18).round(2)
     s = steep(tmp_path, list(zip(range(0, 360, 20), values.tolist(), strict=True)))
     cells = area.grid(s, north_km=(20, 27), east_km=(0, 7), step_km=1)
-    states = np.repeat(cells.states()[..., np.newaxis, :], 1441, axis=-2)
-    states[..., 5] = np.linspace(0, 2 * np.pi, 1441)
-    largest = s.model.p_d(states, s.radar).max(axis=-1)
-    np.testing.assert_allclose(area.worst_p_d_in_cells(cells)[0], largest, atol=1e-3)
+    expected = brute_force(s, cells, 1441)
+    np.testing.assert_allclose(area.worst_p_d_in_cells(cells)[0], expected, atol=1e-3)
 
 
-def steep(folder, rows):
+def steep(folder, rows, head="azimuth_deg,rcs_dbsm", **changes):
     """A radar whose P_D is steep in the RCS, and a table of an aircraft in level flight."""
-    (folder / "rcs.csv").write_text(csv_text("azimuth_deg,rcs_dbsm", rows))
-    content = document(
-        aircraft__rcs={"model": "table", "file": "rcs.csv"},
-        aircraft__attitude_deg=[0, 0, 0],
-        radar__detector={"model": "marcum", "pulses": 100},
-        radar__constant=2e-7,
-        radar__p_fa=1e-6,
-    )
-    (folder / "map.yaml").write_text(yaml_text(content))
-    return rs.load_scenario(folder / "map.yaml")
+    (folder / "rcs.csv").write_text(csv_text(head, rows))
+    rcs = {"model": "table", "file": str(folder / "rcs.csv")}
+    given = {
+        "aircraft": {"rcs": rcs, "attitude_deg": [0, 0, 0]},
+        "radar__detector": {"model": "marcum", "pulses": 100},
+        "radar__constant": 2e-7,
+        "radar__p_fa": 1e-6,
+    }
+    return scenario(**{**given, **changes})
 
 
 def test_the_worst_heading_of_a_network_on_the_round_earth():
@@ -292,16 +279,11 @@ def test_a_lobe_between_the_tens_of_degrees_of_elevation_is_found(tmp_path):
         for e in range(-15, 16)
         for a in (*range(-180, 35, 5), *np.arange(35, 40, 0.5), *range(40, 180, 5))
     ]
-    (tmp_path / "rcs.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_dbsm", rows))
-    content = document(aircraft__rcs={"model": "table", "file": "rcs.csv"})
-    weak = {"radar__constant": 0.005, "radar__p_fa": 1e-6, "radar__detector": "swerling1"}
-    content = document(content, geometry__down_km=-5, geometry__range_km=57, **weak)
-    (tmp_path / "map.yaml").write_text(yaml_text(content))
-    s = rs.load_scenario(tmp_path / "map.yaml")
+    weak = {"radar__constant": 0.005, "radar__detector": "swerling1", "geometry__down_km": -5}
+    s = steep(tmp_path, rows, "azimuth_deg,elevation_deg,rcs_dbsm", **weak)
     cells = square(s, (-68e3, 4e3), side=4e3)
-    found, _ = area.worst_p_d_in_cells(cells)
     expected = brute_force(s, cells, count=7200)
-    np.testing.assert_allclose([found[cell] for cell in TRIED], expected, atol=2e-3)
+    np.testing.assert_allclose(area.worst_p_d_in_cells(cells)[0], expected, atol=2e-3)
 
 
 def test_the_route_has_its_own_probabilities():
