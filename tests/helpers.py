@@ -201,7 +201,8 @@ def drawn_states(s, runs, seed=1):
     """
     rng, states = np.random.default_rng(seed), s.states()
     assert not any(s.tolerances)
-    errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft, (runs, len(s.aircraft)))
+    covariances = np.broadcast_to(s.cov_aircraft, (len(s.aircraft), 6, 6))
+    errors = np.stack([rng.multivariate_normal(np.zeros(6), c, runs) for c in covariances], axis=1)
     radars = rng.multivariate_normal(states.radar[0], states.cov_radar[0], runs)
     radars[:, 3::7] = np.maximum(radars[:, 3::7], 0)  # a c_r below 0 counts as 0
     return s.aircraft + errors, radars[:, np.newaxis]

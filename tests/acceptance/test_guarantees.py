@@ -50,17 +50,11 @@ def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(
     tmp_path, correlation_s
 ):
     """Past two radars, the second of which has a limit."""
+    known = {"medium": {"position_m": 1000, "constant": 1e-3}}
+    one = {"constant": 0.01, "p_fa": 1e-6, "detector": "swerling1", "uncertainty": known}
     radars = [
-        {
-            "name": name,
-            "position_m": [north, 10e3, -20],
-            "constant": 0.01,
-            "p_fa": 1e-6,
-            "detector": "swerling1",
-            "uncertainty": {"medium": {"position_m": 1000, "constant": 1e-3}},
-            **limit,
-        }
-        for name, north, limit in (("a", -9e3, {}), ("b", 15e3, {"max_range_km": 60}))
+        {"name": "a", "position_m": [-9e3, 10e3, -20], **one},
+        {"name": "b", "position_m": [15e3, 10e3, -20], "max_range_km": 60, **one},
     ]
     rows = [(100 * i, 25e3 * (i - 2), 30e3 + 8e3 * (i % 2), -6000) for i in range(5)]
     file = write_path(

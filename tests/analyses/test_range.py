@@ -19,6 +19,7 @@ from helpers import (
     with_arrays,
     yaml_text,
 )
+from routes import GEO
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
@@ -33,6 +34,7 @@ from radar_sense.scenario import for_radar
 from radar_sense.scenario_file.load import parse_scenario
 
 SPHERE = {"model": "constant", "rcs_m2": 0.09}
+EQUATOR = {"latitude_deg": 0, "longitude_deg": 0}
 QUICK = {"step_deg": 90.0}
 
 
@@ -89,7 +91,7 @@ def test_the_engagement_zone_of_the_literature():
     assert result.table["range_m_0.15"] == pytest.approx(3041.862, abs=5.6e-3)
 
 
-def drawn(s, draws, seed=1):
+def drawn_errors(s, draws, seed=1):
     """Draw errors of the aircraft (draws, 6), and states of the radar (draws, 7)."""
     aircraft, radars = drawn_states(s.at_poses(slice(1)), draws, seed)
     return aircraft[:, 0] - s.aircraft[0], radars[:, 0]
@@ -99,7 +101,7 @@ def drawn(s, draws, seed=1):
 def bands(s, p_d, bearing_deg, draws, seed):
     """Detection ranges (draws,) of one bearing by bisection, with drawn states; flat earth."""
     pose, radar = s.aircraft[0], s.radar
-    errors, radars = drawn(s, draws, seed)
+    errors, radars = drawn_errors(s, draws, seed)
     b = math.radians(bearing_deg)
     low, high = np.full(draws, 10e3), np.full(draws, 3e6)
     for _ in range(24):  # to 0.2 m
@@ -114,7 +116,7 @@ def bands(s, p_d, bearing_deg, draws, seed):
 
 def plain_ranges(s, low, high, p_d=0.5, draws=20_000, step=0.005, seed=1):
     """The farthest ranges (draws,) to the north, 0 for none, of plain draws on a flat earth."""
-    pose, (errors, radars) = s.aircraft[0], drawn(s, draws, seed)
+    pose, (errors, radars) = s.aircraft[0], drawn_errors(s, draws, seed)
     found, left = np.zeros(draws), np.arange(draws)
     for distance in np.geomspace(high, low, 1 + round(math.log(high / low) / step)):
         place = np.array([s.radar[0] + distance, s.radar[1], *pose[2:]])
@@ -466,7 +468,7 @@ def test_where_form_fails_the_bounds_are_those_of_plain_draws(metres):
     s = rs.load_scenario(CONFIGS / "table.yaml", keys).with_analysis(level="high")
     bearings = np.deg2rad([0, 90])
     found = on_rays(s, 0, 90)
-    errors, radars = drawn(s, 60_000)
+    errors, radars = drawn_errors(s, 60_000)
     for end, tail in (("lower", 1 - ndtr(-3)), ("upper", ndtr(-3))):
         slant = getattr(found, end)
         assert np.isfinite(slant).all()
@@ -665,34 +667,27 @@ def test_sigma_is_exact_where_the_signal_bends_with_distance():
 @pytest.mark.parametrize(
     ("beam", "tilt", "limit"),
     [
-        ("-2,-40 -1,-20 -0.5,-10 0,0 0.5,-10 1,-20 2,-40", (3.35, 0.05), ""),
-        ("-10,-25 0,0 10,-25", (4, 0.5), "horizon: true,"),
+        ("-2,-40 -1,-20 -0.5,-10 0,0 0.5,-10 1,-20 2,-40", (3.35, 0.05), {}),
+        ("-10,-25 0,0 10,-25", (4, 0.5), {"horizon": True}),
     ],
 )
 def test_a_search_misses_no_beam_over_the_round_earth(tmp_path, beam, tilt, limit):
     """The slant range falls faster than the distance in the level plane of the radar."""
-    (tmp_path / "beam.csv").write_text("\n".join(["elevation_deg,gain_db", *beam.split()]))
-    (tmp_path / "route.csv").write_text(
-        "time_s,latitude_deg,longitude_deg,altitude_m\n0,0.3,0,3000\n100,0.2,0.1,3000\n"
+    (tmp_path / "route.csv").write_text(csv_text(GEO, [(0, 0.3, 0, 3000), (100, 0.2, 0.1, 3000)]))
+    origin, at_radar = ({**EQUATOR, "altitude_m": height} for height in (0, 20))
+    radar = {"position_geodetic": at_radar, "p_fa": 1e-6, "constant": 1e-3, "tilt_deg": tilt[0]}
+    s = swerling1(
+        tmp_path,
+        beam=beam,
+        aircraft={"rcs": {"model": "constant", "rcs_m2": 1}},
+        geometry={"type": "path", "file": "route.csv", "origin": origin},
+        radar={**radar, **limit},
+        radar__detector="north",
+        **known_to(100, 1, position_m=5, constant=1e-4, tilt_deg=tilt[1]),
     )
-    (tmp_path / "my.yaml").write_text(f"""
-        name: beam
-        aircraft: {{rcs: {{model: constant, rcs_m2: 1}}}}
-        geometry: {{type: path, file: route.csv,
-                   origin: {{latitude_deg: 0, longitude_deg: 0, altitude_m: 0}}}}
-        uncertainty: {{aircraft: {{position_m: 100, attitude_deg: 1}},
-                      radar: {{l: {{position_m: 5, constant: 1e-4, tilt_deg: {tilt[1]}}}}}}}
-        radar: {{position_geodetic: {{latitude_deg: 0, longitude_deg: 0, altitude_m: 20}},
-                p_fa: 1e-6, constant: 1e-3, detector: north, {limit}
-                elevation_gain: {{file: beam.csv}}, tilt_deg: {tilt[0]}}}
-        analysis: {{level: l}}
-    """)
-    s = rs.load_scenario(tmp_path / "my.yaml")
     north = rays(s, np.zeros(1), by_aspect=False, down=None, course=None)
     found = range_at(survey(north), 0.5, "automatic", 2.0)
-    rng, states = np.random.default_rng(1), s.states()
-    radars = states.radars_at(rng.standard_normal((10_000, states.radar_normals)))
-    errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft[0], 10_000)
+    errors, radars = drawn_errors(s, 10_000)
     drawn = np.zeros(10_000)
     for distance in np.linspace(25e3, 60e3, 500)[:, np.newaxis]:
         aircraft = north.states(distance) + errors
