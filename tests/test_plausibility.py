@@ -67,18 +67,17 @@ def test_one_row_in_another_place_is_seen_at_any_step(tmp_path, step):
     assert "the aircraft flies at up to 151 km/s, after 0 s:" in fast
 
 
-def test_a_bank_that_rounded_positions_make_up(tmp_path):
-    rows = [(t, 300000 + 60 * (t % 2), 200 * t, -9000) for t in range(20)]
-    warnings = of_route(tmp_path, csv_text(HEAD, rows))
-    (steep,) = [text for text in warnings if "[bank-steep]" in text]
-    assert steep.startswith("the aircraft banks by up to 88.2 deg at all 20 poses: if bank")
-
-
-def test_a_climb_almost_on_the_spot(tmp_path):
-    rows = [(t, 300000 + 0.2 * t, 0, -900 - 2 * t) for t in range(20)]
-    warnings = of_route(tmp_path, csv_text(HEAD, rows))
-    (steep,) = [text for text in warnings if "[climb-steep]" in text]
-    assert steep.startswith("the aircraft climbs or dives by up to 84.3 deg at all 20 poses: if")
+@pytest.mark.parametrize(
+    ("place", "says"),
+    [
+        (lambda t: (300000 + 60 * (t % 2), 200 * t, -9000), "banks by up to 88.2 deg"),  # rounded
+        (lambda t: (300000 + 0.2 * t, 0, -900 - 2 * t), "climbs or dives by up to 84.3 deg"),
+    ],
+)
+def test_a_steep_bank_or_climb(tmp_path, place, says):
+    warnings = of_route(tmp_path, csv_text(HEAD, [(t, *place(t)) for t in range(20)]))
+    (steep,) = [text for text in warnings if "-steep]" in text]
+    assert steep.startswith(f"the aircraft {says} at all 20 poses: if ")
 
 
 @pytest.mark.parametrize(("noise", "told"), [(0.3, True), (0.02, False)])
@@ -123,9 +122,7 @@ def test_a_network_of_which_one_radar_is_elsewhere(km, far):
     assert ("km from radar there: are" in "".join(plausibility_warnings(s))) == far
 
 
-def test_below_the_ground(tmp_path):
-    (warning,) = plausibility_warnings(scenario(geometry__down_km=3))
-    assert "3000 m below the origin and below every radar at all 361 poses" in warning
+def test_below_the_ellipsoid(tmp_path):
     (warning,) = geodetic(tmp_path, alt=-900)
     assert "900 m below the ellipsoid" in warning
     one_row = geodetic(tmp_path, alt=300, middle=-700)
@@ -156,6 +153,11 @@ def sigma_of_constant(value, level="medium"):
 
 #: An implausible scenario, its only warning, and one that is still plausible.
 IMPLAUSIBLE = [
+    (
+        {"geometry__down_km": 3},
+        "the aircraft is 3000 m below the origin and below every radar at all 361 poses",
+        {"geometry__down_km": 3, "radar__position_m": [0, 0, 3100]},
+    ),
     (
         {"radar__max_range_km": 100},
         "no radar sees the aircraft at a nominal pose: see max_ra",
