@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from helpers import (
     MIXED_NUMBER,
     MIXED_SEARCH_STD,
@@ -139,26 +138,16 @@ def test_the_command_shows_the_parts(tool):
         assert set(mine) == {"position", "constant", *(f"constant_{key}" for key in keys)}
     shown = [re.search(r" (\d\.\d{4}|0|\de-\d+) ", line).start() for line in lines[first:][:15]]
     assert len(set(shown)) == 1  # in one column
-    assert re.search(
-        r"^know better first: [ab]_constant_\w+, [\d.]+% of the variance of P_D at 60 deg; "
-        r"half its deviation leaves 0\.\d{4} of 0\.\d{4}$",
-        out,
-        re.MULTILINE,
-    )
-    assert re.search(r"^    constant_gain_dbi +", out, re.MULTILINE)
     header = Path("out/paper_budget.csv").read_text().splitlines()[0].split(",")
     assert header[-6:] == [f"three_sigma_{row}" for row in ROWS]
-    assert len(set(header)) == len(header)
-    record = read_record("out/paper_budget.json")
-    at_largest = record["summary"]["radar_constant_parts_at_largest"]
-    shares = record["summary"]["shares_of_radar_constant_parts_at_largest"]
+    summary = read_record("out/paper_budget.json")["summary"]
+    at_largest = summary["radar_constant_parts_at_largest"]
+    shares = summary["shares_of_radar_constant_parts_at_largest"]
     assert list(at_largest) == list(shares) == ROWS
     (values,) = np.loadtxt("out/paper_budget.csv", delimiter=",", skiprows=1, ndmin=2)
     assert list(at_largest.values()) == pytest.approx(values[-6:])
     total = values[header.index("three_sigma_total")]
     assert list(shares.values()) == pytest.approx((values[-6:] / total) ** 2)
-    again = parse_scenario(yaml.safe_dump(record["scenario"]))
-    assert again.tolerances == mixed_network().tolerances
 
 
 def test_check_shows_the_distribution_of_every_constant(tool):
@@ -224,8 +213,10 @@ def test_the_largest_piece_of_all_radars_comes_first(radar, position_m, constant
     largest, total = max(pieces, key=pieces.__getitem__), table["three_sigma_total"]
     assert largest == ("a_position" if radar == 0 else "a_constant_loss_db")
     left = np.sqrt(total**2 - 0.75 * pieces[largest] ** 2)
-    assert result.report[0].startswith(f"know better first: {largest}, ")
-    assert result.report[0].endswith(f"leaves {left:.4f} of {total:.4f}")
+    assert result.report[0] == (
+        f"know better first: {largest}, {(pieces[largest] / total) ** 2:.1%} of the variance of "
+        f"P_D at 60 deg; half its deviation leaves {left:.4f} of {total:.4f}"
+    )
     if radar == 0:  # Sobol' indices are of whole radars
         first, *_ = analyses.budget(s, method="montecarlo").report
         assert first.startswith("know better first: a, ")

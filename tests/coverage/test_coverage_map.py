@@ -13,6 +13,7 @@ from helpers import (
     csv_text,
     known_to,
     lay_out,
+    legend_off_data,
     paper_radar,
     scenario,
     with_arrays,
@@ -443,14 +444,8 @@ def test_figure(changes, upper):
     assert axes.get_xlabel() == "East [km]"
     assert axes.get_ylabel() == "North [km]"
     assert "P_D" in bar.get_ylabel()
-    (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [
-        r"route, by its own bound" if upper else r"route, by its own $P_D$",
-        "radar",
-    ]
-    box, page = legend.get_window_extent(), figure.bbox
-    assert not box.overlaps(axes.get_window_extent())
-    assert page.x0 <= box.x0 < box.x1 <= page.x1
+    labels = [text.get_text() for text in legend_off_data(figure).get_texts()]
+    assert labels == [f"route, by its own {'bound' if upper else '$P_D$'}", "radar"]
     (image,) = axes.images
     low, high = axes.get_xlim()
     assert low <= s.radar[1] / 1e3 <= high
