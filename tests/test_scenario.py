@@ -144,17 +144,6 @@ def test_a_scenario_made_in_python():
     assert rs.Scenario(**arguments(AIRCRAFT[0])).axis.at(0) == "pose 0"
 
 
-def test_arrays_are_copies_that_nobody_can_change():
-    aircraft, state, matrix = AIRCRAFT.copy(), np.array([0.0, 0, 0, 167]), COV_RADAR.copy()
-    changed = radar(state, {"medium": rs.Level(matrix)})
-    s = rs.Scenario(**arguments(aircraft, radars=[changed]))
-    aircraft[:] = state[:] = matrix[:] = 0
-    assert s.aircraft[0, 1] == 500e3
-    assert s.radar[3] == 167
-    assert s.cov_radar[3, 3] == 25
-    assert_read_only(s)
-
-
 def test_the_embedded_scenario_is_the_one_in_configs():
     file = CONFIGS / "paper.yaml"
     assert not file.is_symlink()
