@@ -195,6 +195,7 @@ def test_the_time_above_leaves_out_gaps():
     dense = s.along(s.geometry.at(np.linspace(2.5, 82.5, 80_001))).p_d()
     found = analyses.variance(s, threshold=0.9).summary["threshold"]
     assert found["above_deg"] == pytest.approx(80 * np.mean(dense > 0.9), rel=0.02)
+    assert found["total_deg"] == 80
 
 
 def test_a_ring_that_is_grazed_by_two_sigma(tmp_path):

@@ -93,19 +93,6 @@ def test_threshold_report_and_record(tool):
     assert (test["passed"], test["above_s"], test["first_violation"]) == (True, 0, None)
 
 
-def test_threshold_on_the_orbit_of_the_paper():
-    """At High the linear bound exceeds 1 and fails for P_max = 1. A quantile does not."""
-    s = scenario(geometry__azimuth_deg__step=6).with_analysis(level="high")
-    result = rs.analyses.variance(s, threshold=1, method="linear")
-    test = result.summary["threshold"]
-    assert not result.passed
-    assert (test["verdict"], test["total_deg"], "above_deg" in test) == ("not known", 180, True)
-    for method in ("form", "automatic", "probit"):
-        result = rs.analyses.variance(s, threshold=1, method=method)
-        assert result.passed
-        assert result.summary["threshold"]["above_deg"] == 0
-
-
 @pytest.mark.parametrize(("p_max", "share"), [(0.1, 1.0), (0.99, 0.0)])
 def test_a_single_pose_is_above_as_a_whole_or_not_at_all(p_max, share):
     one = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
