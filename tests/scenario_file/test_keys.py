@@ -1,94 +1,55 @@
 """Scenario files, allowed and refused, by way of the command line.
 
 A refusal is one line that names file, line, key path, value and allowed values. The exit code is 2
-and nothing is written. The cases are made from the embedded scenario. `LINES` holds one key per
-line, so the line that an error must name is known here without the reader.
+and nothing is written. `test_declare` has the lines.
 """
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from functools import reduce
 from pathlib import Path
+from textwrap import indent
 
 import numpy as np
 import pytest
 import yaml
-from helpers import cov_by_level, one_line, read_record, refusal, write
+from helpers import (
+    PAPER,
+    cov_by_level,
+    document,
+    one_line,
+    read_record,
+    refusal,
+    scenario,
+    write,
+    yaml_text,
+)
 from scenario_file.refused import place_of_error, refused
 
 import radar_sense as rs
 from radar_sense.propagation import METHODS
 from radar_sense.scenario_file.load import MAX_BYTES, default_text
 
-Lines = list[tuple[str, str]]
 
-
-def flattened(document: dict, above: str = "") -> Lines:
-    """List (key path, YAML text of the value) in order; the text is empty for a mapping."""
-    found: Lines = []
-    for key, value in document.items():
-        path = f"{above}.{key}".lstrip(".")
-        if isinstance(value, dict):
-            found += [(path, ""), *flattened(value, path)]
-        else:
-            found.append((path, str(value)))
-    return found
-
-
-LINES = flattened(yaml.safe_load(default_text()))
-PATHS = [path for path, _ in LINES]
-#: Keys whose default is the paper's value.
-OPTIONAL = ["radar.detector", "geometry.azimuth_from", "analysis.runs", "analysis.seed"]
-
-
-def yaml_text(lines: Lines) -> str:
-    return "".join(f"{'  ' * p.count('.')}{p.split('.')[-1]}: {v}\n" for p, v in lines)
-
-
-def is_within(path: str, top: str) -> bool:
-    return path == top or path.startswith(top + ".")
-
-
-def without(path: str) -> Lines:
-    return [(p, v) for p, v in LINES if not is_within(p, path)]
-
-
-def replaced(changes: dict[str, str]) -> Lines:
-    """Give keys other values, and remove the keys below them."""
-    return [
-        (p, changes.get(p, v))
-        for p, v in LINES
-        if not any(p != top and is_within(p, top) for top in changes)
-    ]
-
-
-def line_of(path: str, lines: Lines) -> int:
-    return [p for p, _ in lines].index(path) + 1
-
-
-def accepted(lines: Lines) -> rs.Scenario:
-    return rs.parse_scenario(yaml_text(lines), "my.yaml")
-
-
-def with_changes(**changes: str) -> rs.Scenario:
-    return accepted(replaced({path.replace("__", "."): v for path, v in changes.items()}))
+def with_text(path, text):
+    """The paper's scenario as text, with a text in place of the value of a key."""
+    return yaml_text(document(**{path.replace(".", "__"): "TEXT"})).replace("TEXT", text)
 
 
 def test_optional_keys_have_the_papers_values():
-    assert yaml.safe_load(yaml_text(LINES)) == yaml.safe_load(default_text())
-    paper = rs.load_scenario().resolved()
-    for path in OPTIONAL:
-        assert accepted(without(path)).resolved() == paper
+    paper, few = rs.load_scenario().resolved(), document()
+    del few["radar"]["detector"], few["geometry"]["azimuth_from"]
+    del few["analysis"]["runs"], few["analysis"]["seed"]
+    assert rs.parse_scenario(yaml_text(few), "my.yaml").resolved() == paper
     for method in METHODS:
-        scenario = with_changes(analysis__method=method)
-        assert scenario.method == scenario.resolved()["analysis"]["method"] == method
-    assert accepted(without("analysis.method")).method == "automatic"
+        s = scenario(analysis__method=method)
+        assert s.method == s.resolved()["analysis"]["method"] == method
+    assert scenario(analysis={"level": "medium"}).method == "automatic"
 
 
 # Values out of range.
 
 RADAR = "uncertainty.radar.medium"
-AIRCRAFT = "uncertainty.aircraft"
 #: Values that are refused for a reason of their own; `test_declare` has the others.
 WRONG = [
     ("name", "a" * 101, "100"),
@@ -102,31 +63,23 @@ WRONG = [
     (f"{RADAR}.position_m[2]", "[[1, 0, 0], 1, [0, 0, 1]]", "a list of 3 numbers"),
     (f"{RADAR}.position_m[2][1]", "[[1, 0, 0], [.inf, 1, 0], [0, 0, 1]]", ".inf"),
     (f"{RADAR}.position_m", "[[1, 0.5, 0], [0.4, 1, 0], [0, 0, 1]]", "not symmetric"),
+    (RADAR, f"{{covariance: {[[1, 2, 0, 0], *np.eye(4).tolist()[1:]]}}}", "not symmetric"),
 ]
 
 
 @pytest.mark.parametrize(("path", "value", "says"), WRONG)
 def test_value_that_is_not_allowed(path, value, says):
-    key = path.split("[")[0]
-    line, where, complaint = place_of_error(yaml_text(replaced({key: value})))
-    assert (line, where) == (line_of(key, LINES), path)
+    _, where, complaint = place_of_error(with_text(path.split("[")[0], value))
+    assert where.removesuffix(".covariance") == path
     assert says in complaint
-
-
-def test_a_whole_covariance_that_is_none():
-    rows = "[[1, 2, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
-    line, where, complaint = place_of_error(yaml_text(replaced({RADAR: f"{{covariance: {rows}}}"})))
-    assert (where, "not symmetric" in complaint) == (f"{RADAR}.covariance", True)
-    assert line == line_of(RADAR, LINES)
 
 
 @pytest.mark.parametrize("above", [0, 0.5])
 def test_aircraft_on_top_of_the_radar(above):
     """The cosine of 90° is 6e-17, so the poses miss a radar at their height by 3e-11 m."""
-    lines = replaced({"radar.position_m": f"[5e5, 0, {above - 3e3}]"})
-    line, where, complaint = place_of_error(yaml_text(lines))
-    assert where == "geometry"
-    assert line_of("geometry", lines) <= line <= line_of("geometry.type", lines)
+    text = yaml_text(document(radar__position_m=[5e5, 0, above - 3e3]))
+    line, where, complaint = place_of_error(text)
+    assert (where, text.splitlines()[line - 1]) == ("geometry", "  type: orbit")
     assert "on top of the radar at azimuth" in complaint
 
 
@@ -188,24 +141,22 @@ def test_file_that_is_no_scenario(tool, kind):
 
 @pytest.mark.parametrize("bomb", [LAUGHS, DOUBLED, MERGED], ids=["laughs", "doubled", "merged"])
 def test_alias_bomb_where_a_value_belongs(bomb):
-    # The bomb is the first level of uncertainty, its last line the value of the key.
-    alias = "*" + re.findall(r"&(\w+)", bomb)[-1]
-    fuse = "".join("    " + line + "\n" for line in bomb.splitlines())
+    """Among the names of levels, which are free, the reader gets as far as the value."""
+    alias, fuse = "*" + re.findall(r"&(\w+)", bomb)[-1], indent(bomb, "    ")
     for path in ("radar.constant", "aircraft.rcs", RADAR):
-        *_, message = place_of_error(f"junk:\n{fuse}" + yaml_text(replaced({path: alias})))
+        text = with_text(path, alias)
+        *_, message = place_of_error(f"junk:\n{fuse}{text}")
         assert "junk" in message
-        # Where keys are free (names of levels) the reader gets as far as the value.
-        kept = [(p, alias if p == path else v) for p, v in LINES if not is_within(p, "uncertainty")]
-        place_of_error(f"uncertainty:\n  radar:\n{fuse}" + yaml_text(kept))
+        rest = re.sub("(?ms)^uncertainty:.*(?=^analysis:)", "", text)
+        place_of_error(f"uncertainty:\n  radar:\n{fuse}{rest}")
 
 
 def test_mapping_inside_itself():
     for path in ("radar", "uncertainty.radar", "uncertainty.radar.low"):
-        keys = [p.split(".")[-1] for p in PATHS if p.rpartition(".")[0] == path]
-        loop = ", ".join(f"{key}: *loop" for key in keys)
-        place_of_error(yaml_text(replaced({path: f"&loop {{{loop}}}"})))
+        loop = dict.fromkeys(reduce(dict.get, path.split("."), PAPER), "*loop")
+        place_of_error(with_text(path, f"&loop {loop}".replace("'", "")))
     for rows in ("&m [*m, *m, *m, *m]", "&m [&r [*r, *r, *r, *r], *r, *r, *r]"):
-        place_of_error(yaml_text(replaced({RADAR: f"{{covariance: {rows}}}"})))
+        place_of_error(with_text(RADAR, f"{{covariance: {rows}}}"))
 
 
 @pytest.mark.parametrize("unit", ["a,", "- - - a\n", "'"])
@@ -263,7 +214,7 @@ def test_init_that_cannot_write(tool, name):
 @pytest.mark.parametrize("name", ["NO", "123", "yes", "1e-6", "null", "a-b_c.d", "'123'"])
 def test_names_are_text(tool, name):
     """Also as `check` prints them, for every reader of YAML."""
-    write(yaml_text(replaced({"name": name})))
+    write(with_text("name", name))
     assert yaml.safe_load(tool("check", "my.yaml").out)["name"] == name.strip("'")
 
 
@@ -289,9 +240,6 @@ def test_names_of_levels_are_text(tool):
     assert all(line.startswith("Warning: ") for line in err.splitlines())
 
 
-FEW = {"geometry.azimuth_deg.step": "45"}
-
-
 @pytest.mark.parametrize("encode", [
     lambda s: b"\xef\xbb\xbf" + s.encode(),
     lambda s: s.replace("\n", "\r\n").encode(),
@@ -304,17 +252,22 @@ def test_harmless_variations_of_a_file(tool, encode):
 
 
 def test_an_alias_is_only_a_shorthand():
-    lines = replaced({"radar.position_m": "&zero [0, 0, 0]", "aircraft.attitude_deg": "*zero"})
-    plain = with_changes(radar__position_m="[0, 0, 0]", aircraft__attitude_deg="[0, 0, 0]")
-    assert accepted(lines).resolved() == plain.resolved()
+    text = yaml_text(document(radar__position_m="&zero [0, 0, 0]", aircraft__attitude_deg="*zero"))
+    expected = scenario(aircraft__attitude_deg=[0, 0, 0]).resolved()
+    assert rs.parse_scenario(text.replace("'", "")).resolved() == expected
 
 
-def draws(tool: Callable, seed: str, *options: str) -> tuple[bytes, int]:
+def few_poses(seed: str) -> str:
+    """Write the paper's scenario with a seed, and return the name of the file."""
+    return write(
+        default_text().replace("step: 0.5", "step: 45").replace("seed: 1", f"seed: {seed}")
+    )
+
+
+def draws(tool, seed: str, *options: str) -> tuple[bytes, int]:
     """CSV and recorded seed of a small Monte Carlo with a seed in the file."""
-    write(yaml_text(replaced({**FEW, "analysis.seed": seed})))
-    code, out, err = tool("montecarlo", "my.yaml", "--runs", "3", "--no-plot", "-q", *options)
-    assert (code, out) == (0, "")
-    assert all(line.startswith("Warning: ") for line in err.splitlines())
+    run = few_poses(seed), "--runs", "3", "--no-plot", "-q", *options
+    assert tool("montecarlo", *run)[:2] == (0, "")
     record = read_record("figures/paper_montecarlo.json")
     assert record["scenario"]["analysis"]["seed"] == record["seed"]
     return Path("figures/paper_montecarlo.csv").read_bytes(), record["seed"]
@@ -330,91 +283,81 @@ def test_seed_in_file_and_as_option(tool, seed):
 
 
 def test_a_seed_of_more_digits_than_python_reads(tool):
-    write(yaml_text(replaced({**FEW, "analysis.seed": "9" * 5000})))
-    for args in (["my.yaml"], ["--seed", "9" * 5000]):
+    for args in ([few_poses("9" * 5000)], ["--seed", "9" * 5000]):
         one_line(tool, "montecarlo", *args, "--runs", "2", "--no-plot")
 
 
 @pytest.mark.parametrize(
     ("start", "stop", "step", "expected"),
     [
-        ("0", "180", "0.1", [k / 10 for k in range(1801)]),
-        ("0", "0.3", "0.1", [0, 0.1, 0.2, 0.3]),
-        ("180", "0", "-60", [180, 120, 60, 0]),
-        ("-10", "10", "7", [-10, -3, 4]),
+        (0, 180, 0.1, [k / 10 for k in range(1801)]),
+        (0, 0.3, 0.1, [0, 0.1, 0.2, 0.3]),
+        (180, 0, -60, [180, 120, 60, 0]),
+        (-10, 10, 7, [-10, -3, 4]),
     ],
 )
 def test_sweep(start, stop, step, expected):
-    sweep = f"{{start: {start}, stop: {stop}, step: {step}}}"
-    assert with_changes(geometry__azimuth_deg=sweep).axis.values.tolist() == expected
+    sweep = {"start": start, "stop": stop, "step": step}
+    assert scenario(geometry__azimuth_deg=sweep).axis.values.tolist() == expected
 
 
 # Units: against arithmetic that is not the package's.
 
 
 def test_units_become_si():
-    scenario = with_changes(
-        radar__position_m="[100, -200, -30]",
-        aircraft__attitude_deg="[5, -10, 270]",
-        geometry__range_km="12.5",
-        geometry__down_km="-1.5",
+    s = scenario(
+        radar__position_m=[100, -200, -30],
+        aircraft__attitude_deg=[5, -10, 270],
+        geometry__range_km=12.5,
+        geometry__down_km=-1.5,
     )
-    assert scenario.radar.tolist() == [100, -200, -30, 167]
-    angles = [math.radians(a) for a in (5, -10, 270)]
-    for theta, pose in zip(scenario.axis.values, scenario.aircraft, strict=True):
-        north, east = 12500 * math.sin(math.radians(theta)), 12500 * math.cos(math.radians(theta))
-        # A micrometre, and 1e-15 rad: the rounding of these numbers, a few times over.
-        assert pose[:3] == pytest.approx([north, east, -1500], rel=0, abs=1e-10)
-        assert pose[3:] == pytest.approx(angles, rel=0, abs=2e-15)
+    assert s.radar.tolist() == [100, -200, -30, 167]
+    theta, expected = np.radians(s.axis.values), np.empty((361, 6))
+    expected[:, :3] = np.stack([12500 * np.sin(theta), 12500 * np.cos(theta), 0 * theta - 1500], 1)
+    expected[:, 3:] = [math.radians(a) for a in (5, -10, 270)]
+    # A micrometre, and 1e-15 rad: the rounding of these numbers, a few times over.
+    np.testing.assert_allclose(s.aircraft[:, :3], expected[:, :3], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(s.aircraft[:, 3:], expected[:, 3:], rtol=0, atol=2e-15)
 
 
-def block(rows: Sequence[Sequence[float]]) -> str:
-    return str([list(map(float, row)) for row in rows])
-
-
-@pytest.mark.parametrize(
-    "value", ["10", "[10, 10.0, 1e1]", "[[100, 0, 0], [0, 100, 0], [0, 0, 100]]"]
-)
+@pytest.mark.parametrize("value", [10, [10, 10.0, 1e1], np.diag([100, 100, 100]).tolist()])
 def test_uncertainties_become_si(value):
     """A deviation can be written in three ways."""
-    scenario = with_changes(
-        uncertainty__aircraft__position_m=value, uncertainty__aircraft__attitude_deg="[1, 2, 3]"
-    )
+    s = scenario(uncertainty__aircraft={"position_m": value, "attitude_deg": [1, 2, 3]})
     variances = [100.0] * 3 + [math.radians(a) ** 2 for a in (1, 2, 3)]
-    assert scenario.cov_aircraft == pytest.approx(np.diag(variances), rel=1e-15, abs=0)
-    assert (cov_by_level(scenario)["medium"] == np.diag([1e4, 1e4, 1e4, 25])).all()
-    assert scenario.levels == ("low", "medium", "high")
+    assert s.cov_aircraft == pytest.approx(np.diag(variances), rel=1e-15, abs=0)
+    assert (cov_by_level(s)["medium"] == np.diag([1e4, 1e4, 1e4, 25])).all()
+    assert s.levels == ("low", "medium", "high")
 
 
 def test_full_covariances_are_in_the_units_of_their_keys():
     factor = np.random.default_rng(3).normal(size=(6, 6)).round(3)
     aircraft = (factor @ factor.T + np.eye(6)).round(6)
-    changes = {
-        AIRCRAFT: f"{{covariance: {block(aircraft)}}}",
-        RADAR: f"{{covariance: {block(aircraft[:4, :4])}}}",
-    }
-    scenario = accepted(replaced(changes))
+
+    def of_aircraft(**uncertainty):
+        return scenario(uncertainty__aircraft=uncertainty).cov_aircraft
+
     unit = np.array([1, 1, 1] + [math.radians(1)] * 3)
-    assert scenario.cov_aircraft == pytest.approx(aircraft * np.outer(unit, unit), rel=1e-15)
-    assert (cov_by_level(scenario)["medium"] == aircraft[:4, :4]).all()
+    expected = aircraft * np.outer(unit, unit)
+    assert of_aircraft(covariance=aircraft.tolist()) == pytest.approx(expected, rel=1e-15)
+    of_radar = {"covariance": aircraft[:4, :4].tolist()}
+    s = scenario(uncertainty__radar__medium=of_radar)
+    assert (cov_by_level(s)["medium"] == aircraft[:4, :4]).all()
     # Blocks on the diagonal are the same as keys of their own.
-    parts = np.zeros((6, 6))
-    parts[:3, :3], parts[3:, 3:] = aircraft[:3, :3], aircraft[3:, 3:]
-    whole = with_changes(uncertainty__aircraft=f"{{covariance: {block(parts)}}}")
-    by_key = with_changes(
-        uncertainty__aircraft__position_m=block(aircraft[:3, :3]),
-        uncertainty__aircraft__attitude_deg=block(aircraft[3:, 3:]),
-    )
-    assert by_key.cov_aircraft == pytest.approx(whole.cov_aircraft, rel=1e-15, abs=0)
+    blocks = {"position_m": aircraft[:3, :3].tolist(), "attitude_deg": aircraft[3:, 3:].tolist()}
+    aircraft[:3, 3:] = aircraft[3:, :3] = 0
+    whole = of_aircraft(covariance=aircraft.tolist())
+    assert of_aircraft(**blocks) == pytest.approx(whole, rel=1e-15, abs=0)
 
 
 def test_singular_covariances_are_covariances():
-    ones = block(np.ones((4, 4)))
-    assert (accepted(replaced({RADAR: f"{{covariance: {ones}}}"})).cov_radar == 1).all()
-    accepted(replaced({f"{RADAR}.position_m": "0", f"{RADAR}.constant": "0"}))
+    def read(**level):
+        return scenario(uncertainty__radar__medium=level).cov_radar
+
+    assert (read(covariance=np.ones((4, 4)).tolist()) == 1).all()
+    assert not read(position_m=0, constant=0).any()
     # Rounded entries become symmetric.
-    rounded = "[[1, 0.3, 0], [0.30000000000000004, 1, 0], [0, 0, 1]]"
-    read = accepted(replaced({f"{RADAR}.position_m": rounded})).cov_radar
-    assert (read == read.T).all()
+    rounded = read(position_m=[[1, 0.3, 0], [0.30000000000000004, 1, 0], [0, 0, 1]], constant=5)
+    assert (rounded == rounded.T).all()
     # Written with six digits, as programs do, a full correlation is off by rounding only.
-    accepted(replaced({f"{RADAR}.position_m": "[[1, 2, 0], [2, 4, 0], [0, 0, 0]]"}))
+    read(position_m=[[1, 2, 0], [2, 4, 0], [0, 0, 0]], constant=5)
