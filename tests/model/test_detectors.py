@@ -106,70 +106,53 @@ class Own:
         return z, -np.log(p_fa) * p_d / (1.0 + snr) ** 2 / norm.pdf(z)
 
 
-class Steep(Own):
-    def linearize_probit(self, snr, p_fa):
-        z, slope = super().linearize_probit(snr, p_fa)
-        return z, 1.05 * slope
+def own(name, p_d=lambda p_d, snr: p_d, probit=lambda z, slope, snr: (z, slope)):
+    """Return a detector of this name, by functions of P_D and of the probit of `Own`."""
+
+    class Made(Own):
+        def p_d(self, snr, p_fa):
+            return p_d(super().p_d(snr, p_fa), snr)
+
+        def linearize_probit(self, snr, p_fa):
+            return probit(*super().linearize_probit(snr, p_fa), snr)
+
+    Made.__name__ = name
+    return Made()
 
 
-class Unknown(Own):
-    def linearize_probit(self, snr, p_fa):
-        z, slope = super().linearize_probit(snr, p_fa)
-        return np.where(snr > 100, np.nan, z), slope
+def beyond(snr, value, other):
+    return np.where(snr > 100, value, other)
 
 
-class Falling(Own):
-    def p_d(self, snr, p_fa):
-        return ndtr(-ndtri(super().p_d(snr, p_fa)))
-
-    def linearize_probit(self, snr, p_fa):
-        z, slope = super().linearize_probit(snr, p_fa)
-        return -z, -slope
-
-
-class Halved(Own):
-    def p_d(self, snr, p_fa):
-        return 0.5 * super().p_d(snr, p_fa)
-
-
-class Bare(Own):
-    def linearize_probit(self, snr, p_fa):
-        return super().linearize_probit(snr, p_fa)[0]
-
-
-class One(Own):
-    def p_d(self, snr, p_fa):
-        return 0.5
-
-
-class Saturated(Own):
-    """Its z is infinite, and its slope NaN, where P_D rounds to 1."""
-
-    def p_d(self, snr, p_fa):
-        return np.where(snr > 100, 1.0, super().p_d(snr, p_fa))
-
-    def linearize_probit(self, snr, p_fa):
-        z, slope = super().linearize_probit(snr, p_fa)
-        return np.where(snr > 100, np.inf, z), np.where(snr > 100, np.nan, slope)
-
-
-@pytest.mark.parametrize(
-    ("own", "words"),
-    [
-        (Steep, "dz/dS of Steep.linearize_probit is not the slope of its z"),
-        (Unknown, "z of Unknown.linearize_probit must be a number, it is NaN at S = 1"),
-        (Falling, "P_D of Falling must rise with the signal-to-noise ratio S"),
-        (Halved, "z of Halved.linearize_probit is not the probit of Halved.p_d: P_D differs by 0."),
-        (Bare, "Bare.linearize_probit must return a pair, a value and a slope, got array"),
-        (One, r"One.p_d must have the shape of S, \(26,\), got \(\)"),
-    ],
+#: Its z is infinite, and its slope NaN, where P_D rounds to 1.
+SATURATED = own(
+    "Saturated",
+    lambda p_d, snr: beyond(snr, 1.0, p_d),
+    lambda z, slope, snr: (beyond(snr, np.inf, z), beyond(snr, np.nan, slope)),
 )
-def test_a_detector_of_ones_own_is_checked(own, words):
+#: Detectors, and what is wrong with them.
+WRONG = [
+    (own("Steep", probit=lambda z, slope, snr: (z, 1.05 * slope)),
+     "dz/dS of Steep.linearize_probit is not the slope of its z"),
+    (own("Unknown", probit=lambda z, slope, snr: (beyond(snr, np.nan, z), slope)),
+     "z of Unknown.linearize_probit must be a number, it is NaN at S = 1"),
+    (own("Falling", lambda p_d, snr: ndtr(-ndtri(p_d)), lambda z, slope, snr: (-z, -slope)),
+     "P_D of Falling must rise with the signal-to-noise ratio S"),
+    (own("Halved", lambda p_d, snr: 0.5 * p_d),
+     "z of Halved.linearize_probit is not the probit of Halved.p_d: P_D differs by 0."),
+    (own("Bare", probit=lambda z, slope, snr: z),
+     "Bare.linearize_probit must return a pair, a value and a slope, got array"),
+    (own("One", lambda p_d, snr: 0.5), r"One.p_d must have the shape of S, \(26,\), got \(\)"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("wrong", "words"), WRONG)
+def test_a_detector_of_ones_own_is_checked(wrong, words):
     rcs = ConstantRCS(0.1)
-    for allowed in (Own, Saturated):
-        model = DetectionModel(rcs, p_fa=1e-4, detector=allowed())
+    for allowed in (Own(), SATURATED):
+        model = DetectionModel(rcs, p_fa=1e-4, detector=allowed)
         own_z = model.linearize_probit(np.zeros(6), [1e4, 0, 0, 1e-6])[0]
         exact = DetectionModel(rcs, p_fa=1e-4, detector=Swerling1())
         assert own_z == pytest.approx(exact.linearize_probit(np.zeros(6), [1e4, 0, 0, 1e-6])[0])
     with pytest.raises(InputError, match=words):
-        DetectionModel(rcs, p_fa=1e-4, detector=own())
+        DetectionModel(rcs, p_fa=1e-4, detector=wrong)
