@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from helpers import few_draws, mission, read_record, read_table, without_pixels, write_path
+from helpers import few_draws, mission, read_back, read_record, read_table, write_path
 from routes import POSE_HEAD, UNCERTAIN
 
 import radar_sense as rs
@@ -42,10 +41,8 @@ def load(folder, text=ROUTE, **changes):
 def test_keys_are_read_and_read_back(tmp_path, given, value):
     s = load(tmp_path, UNCERTAIN, uncertainty__aircraft_correlation_s=given, radar__scan_period_s=4)
     assert (s.correlation_s, s.model.radars[0].scan_period) == (value, 4.0)
-    for dump in (yaml.safe_dump, lambda d: json.dumps(d, allow_nan=False)):
-        again = rs.parse_scenario(dump(s.resolved()))
-        assert (again.correlation_s, again.model.radars[0].scan_period) == (value, 4.0)
-        assert again.resolved() == s.resolved()
+    read_back(s)
+    assert json.dumps(s.resolved(), allow_nan=False)
 
 
 def test_defaults(tmp_path):
@@ -123,55 +120,39 @@ def test_refusals(tmp_path):
         assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("options", ["", "--m 2 --n 3 --runs 50"])
-def test_columns(tool, monkeypatch, options):
-    without_pixels(monkeypatch)
-    code, out, err = tool("mission", write(Path(), UNCERTAIN), *options.split())
-    assert code == 0
-    assert all(line.startswith("Warning: ") for line in err.splitlines())
-    assert out.isascii()
-    found = read_table("figures/flight_mission.csv")
-    drawn = ["mc_mean", "mc_std", "mc_lower", "mc_upper"] if "runs" in options else []
-    expected = ["time_s", "p_d", "cumulative_p_d", "sigma_cumulative"]
-    expected += ["lower_3sigma", "upper_3sigma", *drawn]
+@pytest.mark.parametrize(("track", "runs"), [(None, None), ((2, 3), 50)])
+def test_columns(tmp_path, track, runs):
+    s = load(tmp_path, UNCERTAIN)
+    found = mission(s, m_of_n=track, runs=runs)
+    bounds = ["lower_3sigma", "upper_3sigma"]
+    drawn = ["mc_mean", "mc_std", "mc_lower", "mc_upper"] if runs else []
+    expected = ["time_s", "p_d", "cumulative_p_d", "sigma_cumulative", *bounds, *drawn]
     expected += ["mean_cumulative"]
-    if "--m" in options:
-        expected += ["track_p_d", "sigma_track", "track_lower_3sigma", "track_upper_3sigma"]
-        expected += [f"track_{name}" for name in drawn] + ["mean_track"]
-    expected += ["lower_3sigma_se", "upper_3sigma_se"]
-    expected += ["track_lower_3sigma_se", "track_upper_3sigma_se"] if "--m" in options else []
-    expected += ["mean_cumulative_se", *(["mean_track_se"] if "--m" in options else [])]
-    assert list(found) == expected
-    assert len(found["time_s"]) == 4
-    if "--m" in options:  # also as a pair
-        same = options.replace("--m 2 --n 3", "--track 2 3").split()
-        assert tool("mission", "my.yaml", *same, "--no-plot", "--out", "pair").code == 0
-        names = ("figures", "pair")
-        one, pair = (Path(name, "flight_mission.csv").read_bytes() for name in names)
-        assert one == pair
-    cumulated = 1 - np.cumprod(1 - found["p_d"])
-    assert found["cumulative_p_d"] == pytest.approx(cumulated, rel=1e-12)
-    assert sorted(p.name for p in Path("figures").iterdir()) == [
-        "flight_mission.csv", "flight_mission.json", "flight_mission.png",
-    ]  # fmt: skip
-    summary = read_record("figures/flight_mission.json")["summary"]
-    assert summary["looks"] == 4
-    assert summary["detection"]["at_end"]["p"] == found["cumulative_p_d"][-1]
-    assert (summary["monte_carlo"] is None) == ("runs" not in options)
-    assert ("track" in summary) == ("--m" in options)
+    if track:
+        of_track = (f"track_{name}" for name in (*bounds, *drawn))
+        expected += ["track_p_d", "sigma_track", *of_track, "mean_track"]
+    events = ("", "track_") if track else ("",)
+    expected += [f"{event}{bound}_se" for event in events for bound in bounds]
+    expected += ["mean_cumulative_se", *(["mean_track_se"] if track else [])]
+    assert list(found.table) == expected
+    if track:  # also as a pair
+        pair = rs.analyses.mission(s, track=track, runs=runs).table
+        for name, column in found.table.items():
+            np.testing.assert_array_equal(pair[name], column)
+    cumulated = 1 - np.cumprod(1 - found.table["p_d"])
+    assert found.table["cumulative_p_d"] == pytest.approx(cumulated, rel=1e-12)
+    assert found.summary["looks"] == len(cumulated) == 4
+    assert (found.summary["monte_carlo"] is None) == (runs is None)
+    assert ("track" in found.summary) == (track is not None)
 
 
-def test_report(tool):
+def test_report(tmp_path):
     """At the end of the mission: the table, the record and the words have the same numbers."""
-    file = write(
-        Path(), radar__scan_period_s=10, radar__constant=14, uncertainty__aircraft_correlation_s=60
-    )
+    keys = {"radar__scan_period_s": 10, "uncertainty__aircraft_correlation_s": 60}
     # with seed 13 the draws have the larger σ
-    draws = "--runs", 100, "--seed", 13
-    code, out, _ = tool("mission", file, "--m", 3, "--n", 5, *draws, "--no-plot")
-    assert code == 0
-    found = read_table("figures/flight_mission.csv")
-    summary = read_record("figures/flight_mission.json")["summary"]
+    s = load(tmp_path, radar__constant=14, **keys).with_analysis(seed=13)
+    result = mission(s, m_of_n=(3, 5), runs=100)
+    found, summary, out = result.table, result.summary, "\n".join(result.report)
     assert "141 looks, 100 to 1500 s, every 10 s; pose errors correlated over 60 s" in out
     assert out.startswith("detection by 1500 s: ")
     out = re.sub(r" \+/- [\d.]+(?= and | \(3 sigma)", "", out)  # of a bound
@@ -199,24 +180,24 @@ def test_report(tool):
         off = [bounds[f"{end}_3sigma"] - found[f"{before}mc_{end}"] for end in ("lower", "upper")]
         largest = summary["monte_carlo"]["largest_difference"][event]
         assert largest["bounds"]["value"] == np.max(np.abs(off))
-        sigma = abs(columns["sigma"] - found[f"{before}mc_std"])
-        assert largest["sigma"]["value"] == sigma.max()
+        assert largest["sigma"]["value"] == max(abs(columns["sigma"] - found[f"{before}mc_std"]))
     for level, times in summary["detection"]["reaches"].items():
-        for key, column in (
-            ("time_s", "cumulative_p_d"), ("earliest_s", "upper_3sigma"),
-            ("latest_s", "lower_3sigma"),
-        ):  # fmt: skip
+        ends = {
+            "time_s": "cumulative_p_d",
+            "earliest_s": "upper_3sigma",
+            "latest_s": "lower_3sigma",
+        }
+        for key, column in ends.items():
             above = found["time_s"][found[column] >= float(level)]
             assert times[key] == (above.min() if len(above) else None)
     half = summary["detection"]["reaches"]["0.5"]["time_s"]
-    assert half is not None
     assert f"  reaches 0.5 at {half:.13g} s, between " in out
     assert "largest difference from 100 plain runs (seed 13), with their noise:" in out
-    tool("mission", write(Path(), radar__constant=0.01), "--no-plot")
-    assert "never reaches 0.5, nor does its upper bound" in tool("mission", "my.yaml").out
-    assert "the same at every look" in tool(
-        "mission", write(Path(), uncertainty__aircraft_correlation_s=math.inf)
-    ).out  # fmt: skip
+    for words, changes in (
+        ("never reaches 0.5, nor does its upper bound", {"radar__constant": 0.01}),
+        ("the same at every look", {"uncertainty__aircraft_correlation_s": math.inf}),
+    ):
+        assert words in "\n".join(mission(load(tmp_path, **changes)).report)
 
 
 def test_constants_set_to_zero_are_warned_of(tool):
@@ -224,10 +205,8 @@ def test_constants_set_to_zero_are_warned_of(tool):
     file = write(Path(), uncertainty__radar=levels, analysis={"level": "wild"})
     code, _, err = tool("mission", file, "--runs", 500, "--no-plot")
     assert code == 0
-    count = read_record("figures/flight_mission.json")["summary"]["monte_carlo"][
-        "radar_constants_set_to_zero"
-    ]
-    assert 25 < count < 90
+    drawn = read_record("figures/flight_mission.json")["summary"]["monte_carlo"]
+    assert 25 < drawn["radar_constants_set_to_zero"] < 90
     assert "so it counts as 0 in 10.6% of the cases" in err
 
 
