@@ -6,6 +6,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from routes import random_covariance
 from scipy.linalg import sqrtm
 from scipy.stats import binom
 
@@ -104,18 +105,11 @@ def test_no_probability_of_a_track_exceeds_one():
             assert np.diff(found, axis=0).min() >= -1e-15
 
 
-def random_covariance(rng, std):
-    a = rng.normal(size=(len(std), 2 * len(std)))
-    c = a @ a.T
-    scale = np.asarray(std) / np.sqrt(np.diag(c))
-    return c * np.outer(scale, scale)
-
-
 @pytest.mark.parametrize("tau", [0.0, 4.0, np.inf])
 def test_draws_of_poses_have_the_covariance_that_was_asked_for(tau):
     rng = np.random.default_rng(5)
     time = np.array([0.0, 2.0, 7.0])
-    cov = np.stack([random_covariance(rng, [3, 2, 1, 0.1, 0.2, 0.3]) for _ in time])
+    cov = random_covariance(rng, 3)
     runs = 20_000
     normals = rng.standard_normal((3, 6, runs))
     correlate(normals, time, tau)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import (
+    csv_text,
     document,
     paper_network,
     read_back,
@@ -20,6 +21,7 @@ from helpers import (
     yaml_text,
 )
 from numpy.testing import assert_allclose, assert_array_equal
+from routes import HEAD, STD
 
 import radar_sense as rs
 from radar_sense.model.detectors import required_snr
@@ -151,19 +153,14 @@ def test_the_rcs_error_is_read_and_read_back(tmp_path):
     assert given.resolved()["uncertainty"]["aircraft"] == {**plain, "rcs_db": 1.5}
     read_back(given)
     matrix = np.diag([1.0, 2, 3, 4, 5, 6]).tolist()
-    whole = scenario(uncertainty__aircraft={"covariance": matrix, "rcs_db": 2})
-    assert whole.rcs_db == 2
-    absent, zero = scenario(), scenario(uncertainty__aircraft={**plain, "rcs_db": 0})
-    for s in (absent, zero):
+    assert scenario(uncertainty__aircraft={"covariance": matrix, "rcs_db": 2}).rcs_db == 2
+    for s in (scenario(), scenario(uncertainty__aircraft={**plain, "rcs_db": 0})):
         assert s.rcs_std == 0
-        cov = s.states().cov_radar[0]
-        assert_array_equal(cov[:4, :4], s.cov_radar)
-        assert not cov[4:].any()
+        assert_array_equal(s.states().cov_radar[0], np.pad(s.cov_radar, (0, 3)))
         assert s.resolved()["uncertainty"]["aircraft"] == plain
-    text = "time_s,north_m,east_m,down_m," + ",".join(
-        f"std_{x}" for x in ("north_m", "east_m", "down_m", "roll_deg", "pitch_deg", "yaw_deg")
+    text = csv_text(
+        ",".join([HEAD, *STD]), [(60 * i, 1e4 * i, 4e5, -3000, *[1] * 6) for i in (0, 1)]
     )
-    text += "\n0,0,4e5,-3000,1,1,1,1,1,1\n60,1e4,4e5,-3000,1,1,1,1,1,1\n"
     flown = rs.load_scenario(write_path(tmp_path, text, uncertainty__aircraft={"rcs_db": 0.5}))
     assert flown.rcs_db == 0.5
     assert flown.resolved()["uncertainty"]["aircraft"] == {"rcs_db": 0.5}
@@ -171,13 +168,9 @@ def test_the_rcs_error_is_read_and_read_back(tmp_path):
 
 def table_text(std):
     """A table of one half, with a column std_db."""
-    rows = ["azimuth_deg,elevation_deg,rcs_m2,std_db"]
-    for elevation in (-90, 0, 90):
-        for azimuth in (0, 90, 180):
-            rows.append(
-                f"{azimuth},{elevation},{0.1 if elevation else 0.2},{std(azimuth, elevation)}"
-            )
-    return "\n".join(rows) + "\n"
+    nodes = [(a, e) for e in (-90, 0, 90) for a in (0, 90, 180)]
+    rows = [(a, e, 0.1 if e else 0.2, std(a, e)) for a, e in nodes]
+    return csv_text("azimuth_deg,elevation_deg,rcs_m2,std_db", rows)
 
 
 def smooth_std(azimuth, elevation):

@@ -381,14 +381,6 @@ def unit(course):
     return np.array([np.cos(course), np.sin(course)])
 
 
-def test_a_route_of_arrays_leaves_them_writable():
-    time = np.arange(3.0)
-    route = rs.Route(time, np.zeros((3, 6)).tolist(), None, True)
-    time[0] = -1.0
-    with pytest.raises(ValueError, match="read-only"):
-        route.aircraft[0, 0] = 1.0
-
-
 def test_one_pose_stays_one_pose():
     path = load(f"{FULL}\n3,1,2,3,4,5,6\n")
     same(resample(path, 1.0), path)
@@ -398,9 +390,6 @@ def test_one_pose_stays_one_pose():
     ("step", "method", "says"),
     [
         (0.0, "legs", "step_s must be a number not less than 1e-09, got 0"),
-        (-1.0, "legs", "not less than"),
-        (math.nan, "legs", "not less than"),
-        (math.inf, "legs", "not less than"),
         (1e-6, "legs", "more than 1,000,000 poses"),
         (1.0, "leg", "must be one of legs, smooth, got 'leg'; did you mean 'legs'"),
     ],

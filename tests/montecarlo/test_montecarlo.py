@@ -243,14 +243,6 @@ def test_statistics_are_those_of_all_draws(monkeypatch, workers):
     np.testing.assert_allclose([mc.lower, mc.upper], quantiles, rtol=1e-13)
 
 
-def test_no_uncertainty_gives_the_nominal_value_every_time():
-    """The band and the draws may round P_D differently."""
-    mc = monte_carlo(only_radar_constant(std=0.0, geometry__azimuth_deg=FEW), runs=50)
-    np.testing.assert_allclose(mc.mean, mc.band.p_d, rtol=1e-14)
-    assert np.max(mc.std) < 1e-15
-    np.testing.assert_array_equal(mc.coverage, 1.0)
-
-
 @pytest.mark.parametrize("sampler", ["random", "sobol"])
 def test_memory_does_not_grow_with_the_runs(sampler):
     s = scenario(geometry__azimuth_deg=FEW)

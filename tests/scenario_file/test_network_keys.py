@@ -10,7 +10,6 @@ from helpers import (
     CONFIGS,
     TRACKING,
     cov_by_level,
-    document,
     network_document,
     parsed_network,
     radar_entry,
@@ -95,9 +94,7 @@ def test_a_network_is_checked_with_a_comment_for_each_radar(tool):
         ({"name": "x" * 41}, "radars[2].name", "must be the name of a radar, up to 40 let", ""),
         ({"name": "a"}, "radars[2].name", "must be a name that no other radar has, got 'a'", ""),
         ({"name": "total"}, "radars[2].name", "'total' would mean two things", "- name: total"),
-        ({"name": "a_position"}, "radars[2].name", "'a_position' would mean two things", ""),
         ({"name": "error_a"}, "radars[2].name", "'error_a' would mean two things", ""),
-        ({"name": "error_interaction"}, "radars[2].name", "'error_interaction' would mean two", ""),
         ({"max_range_m": 5}, "radars[2]", "did you mean 'max_range_km', in km?", "max_range_m: 5"),
     ],
 )  # fmt: skip
@@ -106,34 +103,6 @@ def test_a_radar_that_is_refused(changes, path, says, line):
     assert where == path
     assert says in complaint
     assert named == line or not line
-
-
-@pytest.mark.parametrize(
-    ("limits", "hidden"),
-    [
-        ({"max_range_km": 505}, 1),
-        ({"min_range_km": 495}, 1),
-        ({"min_range_km": 1, "max_range_km": 480, "horizon": True}, 4),
-        ({"eclipsing": True, "horizon": False}, 0),
-    ],
-)
-def test_limits_of_a_single_radar_are_the_limits_of_a_network_of_one(limits, hidden):
-    """The radar is 10 km north of the origin: the range is 490 km to 510 km on the orbit."""
-    sweep = {"start": 0, "stop": 270, "step": 90}
-    radar = {"position_m": [10e3, 0, -9e3], "p_fa": 1.7e-4, "tracking": TRACKING, **limits}
-    content = document(radar=radar, geometry__azimuth_deg=sweep)
-    one = rs.parse_scenario(yaml_text(content))
-    entry = {
-        "name": "a",
-        **content.pop("radar"),
-        "uncertainty": content["uncertainty"].pop("radar"),
-    }
-    named = rs.parse_scenario(yaml_text({**content, "radars": [entry]}))
-    p_d = one.model.p_d(one.aircraft, one.radar)
-    assert np.count_nonzero(p_d == 0) == hidden
-    assert_array_equal(p_d, named.model.p_d(named.aircraft, named.radar))
-    read_back(one)
-    assert one.resolved()["radar"].get("horizon", False) == limits.get("horizon", False)
 
 
 #: A radar with a pulse of 11 us, in which the target may be hidden.

@@ -70,18 +70,6 @@ def test_the_greatest_p_d_between_two_ranges_is_found():
     assert test["above_km"] == pytest.approx(4.0 + 2 * more, abs=0.05)
 
 
-WRONG = [
-    ({"file": "x.csv"}, "unknown key 'file'"),
-    ({"down_km": 0, "range_km": {"start": 0, "stop": 1, "step": 1}}, "on top of the radar"),
-]
-
-
-@pytest.mark.parametrize(("geometry", "message"), WRONG)
-def test_a_wrong_line_is_refused_in_one_line(geometry, message):
-    with refused(message):
-        radial(**geometry)
-
-
 def test_what_needs_times_or_an_attitude_says_so():
     with refused("a mission needs times, which only a path has"):
         analyses.mission(radial())
