@@ -5,7 +5,7 @@ import runpy
 
 import numpy as np
 import pytest
-from helpers import CONFIGS, OVERHEAD, direction, read_record, scenario
+from helpers import CONFIGS, OVERHEAD, csv_text, direction, read_record, scenario
 from studies.bands import model as independent
 
 import radar_sense as rs
@@ -24,8 +24,8 @@ def uneven(rng, count):
     return -np.pi + rng.uniform(0, 3.2) + turns[:-1] / turns[-1] * 2 * np.pi
 
 
-def cut(rng, count=36):
-    return rs.TableRCS(uneven(rng, count), 10 ** rng.uniform(-3, 1, count))
+def cut(rng, count=36, **options):
+    return rs.TableRCS(uneven(rng, count), 10 ** rng.uniform(-3, 1, count), **options)
 
 
 def grid(rng, low=-40, high=60, count=24, **options):
@@ -34,6 +34,10 @@ def grid(rng, low=-40, high=60, count=24, **options):
     values[:, elevation <= -np.pi / 2] = 0.2
     values[:, elevation >= np.pi / 2] = 0.3
     return rs.TableRCS(uneven(rng, count), values, elevation, **options)
+
+
+def whole(rng, **options):
+    return grid(rng, -90, 90, **options)
 
 
 def difference_quotient(function, body, step):
@@ -65,19 +69,12 @@ def test_a_table_is_a_product_of_splines_and_exact_at_its_nodes():
         np.testing.assert_allclose(table.cross_section(direction(*between)), expected, rtol=1e-11)
 
 
-@pytest.mark.parametrize("kind", ["cut", "grid", "poles", "envelope", "envelope of a grid"])
-def test_the_gradient_is_that_of_the_cross_section(kind):
+@pytest.mark.parametrize(
+    ("make", "envelope"), [(cut, None), (grid, None), (whole, None), (cut, 0.2), (whole, 0.2)]
+)
+def test_the_gradient_is_that_of_the_cross_section(make, envelope):
     rng = np.random.default_rng(5)
-    make = {
-        "cut": lambda: cut(rng),
-        "grid": lambda: grid(rng),
-        "poles": lambda: grid(rng, -90, 90),
-        "envelope": lambda: rs.TableRCS(
-            uneven(rng, 36), 10 ** rng.uniform(-2, 1, 36), envelope=0.2
-        ),
-        "envelope of a grid": lambda: grid(rng, -90, 90, envelope=0.2),
-    }
-    table = make[kind]()
+    table = make(rng, envelope=envelope)
     # Elevations beyond the table and every azimuth; not where a step would cross straight above.
     body = direction(rng.uniform(-np.pi, np.pi, 500), rng.uniform(-1.45, 1.45, 500))
     body *= 10 ** rng.uniform(0, 5, (500, 1))
@@ -96,19 +93,18 @@ def test_the_gradient_is_that_of_the_cross_section(kind):
 def test_straight_above_and_below():
     rng = np.random.default_rng(7)
     ends = np.array([[0, 0, -2.0], [0, 0, 2.0]])
-    whole = grid(rng, -90, 90)
-    sigma, gradient = whole.linearize(ends)
+    table = whole(rng)
+    sigma, gradient = table.linearize(ends)
     np.testing.assert_allclose(sigma, [0.3, 0.2], rtol=1e-12)
     assert np.all(gradient == 0)
     nearly = ends + np.array([[1e-6, 2e-6, 0], [-3e-6, 1e-6, 0]])
-    np.testing.assert_allclose(whole.linearize(nearly)[1], 0, atol=1e-4)
+    np.testing.assert_allclose(table.linearize(nearly)[1], 0, atol=1e-4)
     above_only = grid(rng, -40, 90)
     assert np.isnan(above_only.linearize(ends)[1]).any(axis=-1).tolist() == [False, True]
-    for table in (cut(rng), above_only):
-        assert np.all(np.isfinite(table.cross_section(ends)))
-        assert np.isnan(table.linearize(ends[1])[1]).all()
-    nothing = whole.linearize(np.zeros(3))[1]
-    assert np.isnan(nothing).all()
+    for part in (cut(rng), above_only):
+        assert np.all(np.isfinite(part.cross_section(ends)))
+        assert np.isnan(part.linearize(ends[1])[1]).all()
+    assert np.isnan(table.linearize(np.zeros(3))[1]).all()
 
 
 def test_a_table_with_jumps_is_positive_everywhere():
@@ -130,7 +126,7 @@ def test_shapes_and_nan():
         assert np.isnan(sigma).tolist() == [True, False]
 
 
-def lobes(rng, **options):
+def lobes(rng):
     """A few smooth lobes, not much wider than the steps of 5 degrees."""
     azimuth, elevation = np.arange(-180, 180, 5) * DEG, np.arange(-90, 91, 5) * DEG
     body = direction(azimuth[:, np.newaxis], elevation)
@@ -139,16 +135,7 @@ def lobes(rng, **options):
         apart = np.arccos(np.clip(body @ axis, -1, 1)) / (rng.uniform(4, 12) * DEG)
         decibels += rng.uniform(10, 30) * np.exp(-0.5 * apart**2)
     decibels[:, [0, -1]] = decibels[0, [0, -1]]
-    return rs.TableRCS(azimuth, 10 ** (decibels / 10), elevation, **options)
-
-
-TABLES = {
-    "cut": lambda rng, **options: rs.TableRCS(
-        uneven(rng, 60), 10 ** rng.uniform(-3, 1, 60), **options
-    ),
-    "part": grid,
-    "to the poles": lambda rng, **options: grid(rng, -90, 90, **options),
-}
+    return rs.TableRCS(azimuth, 10 ** (decibels / 10), elevation)
 
 
 def within(rng, azimuth, elevation, width):
@@ -163,19 +150,13 @@ def within(rng, azimuth, elevation, width):
     return azimuth + over, np.arcsin(np.clip(sine, -1, 1))
 
 
-@pytest.mark.parametrize(
-    ("kind", "narrow"),
-    [("cut", 1e-3), ("part", 1e-3), ("to the poles", 4 * DEG)],
-)
-def test_the_envelope_is_never_below_the_table_within_its_angle(kind, narrow):
+@pytest.mark.parametrize(("make", "narrow"), [(cut, 1e-3), (grid, 1e-3), (whole, 4 * DEG)])
+def test_the_envelope_is_never_below_the_table_within_its_angle(make, narrow):
     """At random directions, of which some are at nodes of the table."""
     rng = np.random.default_rng(11)
     for width in (narrow, 1.2):
-        state = rng.bit_generator.state
-        plain = TABLES[kind](rng)
-        rng.bit_generator.state = state
-        table = TABLES[kind](rng, envelope=width)
-        sigma = own_spline(plain)
+        plain = make(rng)
+        table, sigma = dataclasses.replace(plain, envelope=width), own_spline(plain)
         azimuth = rng.uniform(-np.pi, np.pi, 20_000)
         elevation = np.arcsin(rng.uniform(-1, 1, 20_000))
         if plain.elevation is not None:
@@ -191,8 +172,8 @@ def test_the_envelope_is_not_loose():
     rng = np.random.default_rng(12)
     width = 4 * DEG
     azimuth, elevation = rng.uniform(-np.pi, np.pi, 2000), np.arcsin(rng.uniform(-1, 1, 2000))
-    plain, table = lobes(np.random.default_rng(1)), lobes(np.random.default_rng(1), envelope=width)
-    sigma = own_spline(plain)
+    plain = lobes(np.random.default_rng(1))
+    table, sigma = dataclasses.replace(plain, envelope=width), own_spline(plain)
     largest = np.max([sigma(*within(rng, azimuth, elevation, width)) for _ in range(60)], axis=0)
     found = table.cross_section(direction(azimuth, elevation))
     # Measured: 1.0 dB.
@@ -207,7 +188,7 @@ def test_the_envelope_is_not_loose():
 
 def test_the_envelope_has_one_value_straight_above_and_below():
     rng = np.random.default_rng(14)
-    table = grid(rng, -90, 90, envelope=1 * DEG)
+    table = whole(rng, envelope=1 * DEG)
     azimuth = np.linspace(-np.pi, np.pi, 50)
     for pole in (-np.pi / 2, np.pi / 2):
         near = direction(azimuth, pole * (1 - 1e-5))
@@ -267,26 +248,11 @@ def test_mirror_and_envelope_are_read(here):
     np.testing.assert_allclose(wings, 2, rtol=2e-12)
 
 
-@pytest.mark.parametrize(
-    ("entry", "words"),
-    [
-        ({"file": ["t.csv"]}, r"aircraft.rcs.file: must be the name of a file"),
-        ({"sha256": "abc"}, "64 digits"),
-    ],
-)
-def test_bad_entries_are_refused(here, entry, words):
-    write(here / "t.csv", *CUT)
-    with pytest.raises(rs.InputError, match=rf"^scenario:\d+: .*{words}"):
-        scenario(aircraft__rcs={**ENTRY, **entry})
-
-
 def test_a_table_that_the_geometry_leaves_is_refused(here):
     write(here / "t.csv", *flat(-10, 30, 10))
     scenario(aircraft__rcs=ENTRY)
-    says = (
-        r"^scenario:.*geometry: at azimuth 0 deg the aircraft sees the radar at elevation -31 deg"
-    )
-    with pytest.raises(rs.InputError, match=says + ".*the RCS table covers -10 to 30 deg"):
+    says = "at azimuth 0 deg the aircraft sees the radar at elevation -31 deg, the RCS table covers"
+    with pytest.raises(rs.InputError, match=f"geometry: {says} -10 to 30 deg"):
         scenario(aircraft__rcs=ENTRY, geometry__down_km=-300)
     # Banked by 20 degrees the right wing's side of the orbit is too low.
     with pytest.raises(rs.InputError, match="covers -10 to 30 deg"):
@@ -364,18 +330,14 @@ def test_the_summary_of_the_rcs():
 def test_a_written_table_has_one_value_at_each_pole(here):
     """Splines round it by azimuth; an envelope of one last row may have two deviations there."""
     rng, azimuth, elevation = np.random.default_rng(1), np.arange(-180, 180, 30), [-90, -30, 30, 90]
-    rows = [
-        [a, e, r] for a in azimuth for e, r in zip(elevation, rng.normal(-10, 2, 4), strict=True)
-    ]
-    level = np.array(rows)
-    level[level[:, 1] == -90, 2], level[level[:, 1] == 90, 2] = -5, 20
+    ends = {-90: -5, 90: 20}
+    level = [(a, e, ends.get(e, rng.normal(-10, 2))) for a in azimuth for e in elevation]
     short = [[a, e, -8.0, 1 + (a < 0)] for a in azimuth for e in (-30, 30)]
     for name, lines, end in (
         ("azimuth_deg,elevation_deg,rcs_dbsm", level, 90),
         ("azimuth_deg,elevation_deg,rcs_dbsm,std_db", short, 89.9),
     ):
-        text = "\n".join([name, *(",".join(map(str, line)) for line in lines)])
-        (here / "t.csv").write_text(text)
+        (here / "t.csv").write_text(csv_text(name, lines))
         rcs = ENTRY | ({} if end == 90 else {"envelope_deg": 3})
         found = analyses.rcs(scenario(aircraft__rcs=rcs)).table
         assert np.ptp(found["elevation_deg"]) == pytest.approx(2 * end)
@@ -398,10 +360,8 @@ class Flat:
 
 def test_a_cross_section_of_ones_own_may_be_read_only():
     s = scenario()
-    (radar,) = s.radars
-    model = dataclasses.replace(radar.model, rcs=Flat())
-    radars = (dataclasses.replace(radar, model=model),)
-    table = analyses.rcs(dataclasses.replace(s, radars=radars)).table
+    own = dataclasses.replace(s.radars[0], model=rs.DetectionModel(Flat(), p_fa=1e-4))
+    table = analyses.rcs(dataclasses.replace(s, radars=(own,))).table
     assert np.all(table["rcs_m2"] == 0.1)
 
 
@@ -432,8 +392,8 @@ def test_poses_beyond_the_table_are_counted(here):
     for count in range(1, 5):
         end, other = least[count - 1 : count + 1].mean(), greatest[4 - count : 6 - count].mean()
         for low, high in ((end, 30), (-30, other)):
-            rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in np.linspace(low, high, 9)]
-            write(here / "t.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows)
+            rows = [(a, e, 1) for a in range(0, 360, 30) for e in np.linspace(low, high, 9)]
+            (here / "t.csv").write_text(csv_text("azimuth_deg,elevation_deg,rcs_m2", rows))
             (line,) = table_warnings(scenario(**change))
             beyond = (ends[:, 0] < low) | (ends[:, 1] > high)
             assert np.count_nonzero(beyond) == count
