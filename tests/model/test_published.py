@@ -52,24 +52,14 @@ PRINTED_SNR = {
     # the peak power for 6 and 10 dB
     "radareqpow": (TrackingRadar(2.1996e5, 20, C / 1e9, 1e6, 290, 0, 0), 1.0, 50e3, 6, 1e-4),
     "radareqpow, 10 GHz": (
-        TrackingRadar(2.2809e6, 30, C / 10e9, 1e6, 300, 3, 0),
-        0.5,
-        5e4,
-        10,
-        1e-4,
-    ),
+        TrackingRadar(2.2809e6, 30, C / 10e9, 1e6, 300, 3, 0), 0.5, 5e4, 10, 1e-4),
     # Mahafza (2000), section 1.4, with k = 1.38e-23
     "C band": (TrackingRadar(1.5e6, 45, 3e8 / 5.6e9, 5e6, 290, 0, 3), 0.1, 10**4.933775, 20, 0.01),
     # Stone Soup, test_target_rcs: 10 pulses of 10 kW, duty 0.18, printed as 8.197 and 2.125
     "X band": (TrackingRadar(1.8e4, 36, C / 10e9, 24591.9, 290, 0, 5), 10, 15e4, db(8.197), 3e-4),
     "X band, far": (
-        TrackingRadar(18e3, 36, C / 1e10, 24591.9, 290, 0, 5),
-        20,
-        25e4,
-        db(2.125),
-        1e-3,
-    ),
-}
+        TrackingRadar(18e3, 36, C / 1e10, 24591.9, 290, 0, 5), 20, 25e4, db(2.125), 1e-3),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", PRINTED_SNR)

@@ -130,16 +130,6 @@ def test_the_largest_value_of_a_flat_ellipsoid_is_beside_the_pole():
     assert abs(found["elevation_deg"]) == pytest.approx(89.9)
 
 
-class Plate:
-    """A cross section of one's own."""
-
-    isotropic, detail = False, 1.0
-
-    def cross_section(self, body_vector): ...
-
-    def linearize(self, body_vector): ...
-
-
 @dataclass(frozen=True)
 class Cardioid:
     """σ = 1.1 + the cosine of the angle from the nose, with a factor on the gradient."""
@@ -158,20 +148,9 @@ class Cardioid:
         return self.cross_section(body_vector), self.factor * gradient
 
 
-class Halved(Cardioid):
-    def linearize(self, body_vector):
-        sigma, gradient = super().linearize(body_vector)
-        return 0.5 * sigma, gradient
-
-
-class Unscaled(Cardioid):
-    def cross_section(self, body_vector):
-        return 1e6 + body_vector[..., 0]
-
-
-class Bare(Cardioid):
-    def linearize(self, body_vector):
-        return super().linearize(body_vector)[0]
+def own(name, **members):
+    """Return a `Cardioid` of which some members are others."""
+    return type(name, (Cardioid,), members)(1.0)
 
 
 def number(detail):
@@ -181,16 +160,17 @@ def number(detail):
 GRADIENT = "the gradient of Cardioid.linearize is not that of"
 #: Cross sections of one's own, and what is wrong with them.
 REFUSED = [
-    (Halved(1.0), "Halved.linearize must return the σ_r of cross_section"),
-    (Unscaled(1.0), "σ_r of Unscaled must not depend on the distance"),
-    (
-        type("Round", (Cardioid,), {"isotropic": True})(1.0),
-        "σ_r of Round, which is isotropic, must be the same at all aspects",
-    ),
-    (Bare(1.0), "Bare.linearize must return a pair, a value and a slope, got array"),
+    (own("Halved", linearize=lambda rcs, body: (rcs.cross_section(body) / 2, 0.0 * body)),
+     "Halved.linearize must return the σ_r of cross_section"),
+    (own("Unscaled", cross_section=lambda rcs, body: 1e6 + body[..., 0]),
+     "σ_r of Unscaled must not depend on the distance"),
+    (own("Round", isotropic=True),
+     "σ_r of Round, which is isotropic, must be the same at all aspects"),
+    (own("Bare", linearize=Cardioid.cross_section),
+     "Bare.linearize must return a pair, a value and a slope, got array"),
     *((Cardioid(1.0, detail), number(repr(detail))) for detail in (0, -1.0, np.nan, "x", None)),
     *((Cardioid(factor), GRADIENT) for factor in (0.0, 0.5, -1.0, 1.05)),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("rcs", "says"), REFUSED)
@@ -205,7 +185,8 @@ def test_a_cross_section_of_ones_own_is_one_function_of_the_aspect(rcs, says, mo
 
 
 @pytest.mark.parametrize("name", ["isotropic", "detail", "cross_section", "linearize"])
-def test_what_a_cross_section_of_ones_own_lacks_is_named(name, monkeypatch):
-    monkeypatch.delattr(Plate, name)
+def test_what_a_cross_section_of_ones_own_lacks_is_named(name):
+    members = {"isotropic": False, "detail": 1.0, "cross_section": len, "linearize": len}
+    del members[name]
     with pytest.raises(rs.InputError, match=f"^rcs has no {name}, .*got .*Plate"):
-        rs.DetectionModel(rcs=Plate(), p_fa=1e-4)
+        rs.DetectionModel(rcs=type("Plate", (), members)(), p_fa=1e-4)

@@ -105,7 +105,7 @@ def test_the_origin_changes_nothing(tmp_path):
     rng = np.random.default_rng(12)
     poses = hidden = 0
     for _ in range(6):
-        lat, lon = rng.uniform(-75, 75), rng.uniform(-180, 180)
+        lat, lon = rng.uniform(-75, 75), rng.uniform(-170, 350)
         wide = 1 / math.cos(lat * DEG)
         here = np.array([lat, lon, 0.0])
         radars = here + rng.uniform([-2, -2, 0], [2, 2, 3e3], (2, 3)) * [1, wide, 1]

@@ -99,19 +99,6 @@ def test_a_covariance_may_be_nothing():
 # Latitude and longitude.
 
 
-def test_places_become_positions_about_the_origin():
-    rng = np.random.default_rng(0)
-    place = np.array(ORIGIN) + rng.uniform(-1, 1, (40, 3)) * [0.05, 0.05, 1000]
-    found = load(geodetic(np.arange(40.0), place), origin=ORIGIN)
-    assert found.origin == ORIGIN
-    np.testing.assert_allclose(
-        found.aircraft[:, :3], wgs84.ned_from_geodetic(place, ORIGIN), rtol=0, atol=1e-8
-    )
-    east_of_greenwich = place + np.array([0, 2 * np.pi, 0])  # 0 to 360
-    again = load(geodetic(np.arange(40.0), east_of_greenwich), origin=ORIGIN)
-    np.testing.assert_allclose(again.aircraft, found.aircraft, rtol=0, atol=1e-7)
-
-
 def in_frame(route):
     """C_aa of a route in the frame of its origin."""
     return covariance_in_frame(route.covariance, route.time_s, route.aircraft, route.origin)
