@@ -12,37 +12,15 @@ from pathlib import Path
 
 import numpy as np
 from reference import reading
-from reference.judging import judge
+from reference.judging import exact_errors, judge
 from studies.bands.judging import markdown
 
 from radar_sense import plotting
-from radar_sense.propagation import METHODS, propagate_scenario
+from radar_sense.propagation import METHODS
 from radar_sense.propagation.methods import distribution
 
 #: Errors below this are not shown.
 LEAST = 1e-7
-
-
-def exact_errors():
-    """Return relative errors of P_D and σ, and of the gradient over σ, where σ is not 0."""
-    found = []
-    for block, c in reading.read():
-        s = reading.as_scenario(block, c)
-        states, exact = s.states(), np.hstack(reading.gradient(c))
-        lin = s.model.linearize(s.aircraft, states.radar)
-        sigma = propagate_scenario(s, method="linear").std
-        gradient = np.hstack([lin.jac_aircraft, lin.jac_radar])
-        deviations = np.sqrt([*np.diag(s.cov_aircraft), *np.diag(states.cov_radar[0])])
-        known = slice(exact.shape[1])
-        apart = abs(gradient[:, known] - exact) * deviations[known]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            rows = [
-                abs(lin.p_d / c["p_d"] - 1),
-                abs(sigma / c["std_linear"] - 1),
-                apart.max(axis=1) / c["std_linear"],
-            ]
-        found.append(np.array(rows)[:, c["std_linear"] > 0])
-    return np.concatenate(found, axis=1)
 
 
 def probability_errors(method):
@@ -107,7 +85,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, help="folder of the figure")
     options = parser.parse_args()
-    exact = exact_errors()
+    every = [exact_errors(*one)[:, one[1]["std_linear"] > 0] for one in reading.read()]
+    exact = np.concatenate(every, axis=1)
     print("largest errors of P_D, σ and gradient:", *(f"{e.max():.1e}" for e in exact))
     lines, errors = [], {}
     for method in METHODS:
