@@ -357,10 +357,9 @@ def test_straight_above_and_below_the_value_exists_and_the_gradient_does_not(rcs
     assert lin_constant.jac_aircraft[2] * np.sign(height) < 0  # nearer is seen better
 
 
-@pytest.mark.parametrize("snr", [1e4, 1e100])
-def test_overwhelming_signal_is_certain_detection_with_no_slope(snr):
+def test_overwhelming_signal_is_certain_detection_with_no_slope():
     model, known_as, aircraft, radar = random_case(np.random.default_rng(20), "ellipsoid", 20)
-    radar[:, 3] = constant_for(snr, aircraft, radar, known_as)
+    radar[:, 3] = constant_for(1e100, aircraft, radar, known_as)
     lin = model.linearize(aircraft, radar)
     assert_array_equal([lin.p_d, model.p_d(aircraft, radar)], 1.0)
     assert_array_equal(partials(lin), 0.0)

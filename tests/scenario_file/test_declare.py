@@ -179,7 +179,7 @@ NO_NUMBERS = {
     **{"'5'": "'5'; leave out the quotes", "1,5": "'1,5'; write 1.5 for 1,5"},
     **{"0,125": "'0,125'; write 0.125 for 0,125", ".nan": ".nan", "-.Inf": "-.Inf"},
     **{text: f"'{text}'" for text in ("yes", "null", "~", "abc", "2001-01-01", "+", ".", "1e")},
-    **{text: f"'{text}'" for text in ("0x10", "1_000", "١٢", "--1")},
+    **{text: f"'{text}'" for text in ("0x10", "1_000", "١٢", "１", "--1")},
 }
 
 

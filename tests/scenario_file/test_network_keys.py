@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
-    CONFIGS,
     TRACKING,
     cov_by_level,
     network_document,
@@ -63,13 +62,6 @@ def test_every_key_of_a_radar_is_read():
     assert_array_equal(cov_by_level(s)["high"], np.diag([1e4, 4e4, 100, 25, 1, 4, 9, 16]))
     assert not any(radar.state.flags.writeable for radar in s.radars)
     assert not east.levels["low"].covariance.flags.writeable
-
-
-def test_constants_are_made_of_what_a_radar_is_made_of():
-    made = yaml.safe_load((CONFIGS / "surveillance.yaml").read_text())["radar"]["surveillance"]
-    s = parsed_network(radar_entry("made", constant=None, surveillance=made), radar_entry("given"))
-    alone = rs.load_scenario(CONFIGS / "surveillance.yaml")
-    assert_array_equal(s.radar_states[:, 3], [alone.radar[3], 160])
 
 
 def test_a_network_is_checked_with_a_comment_for_each_radar(tool):

@@ -88,7 +88,6 @@ BOX = [f"{a},{e},1" for a in range(-180, 180, 30) for e in (-10, 0, 10)]
 #: files of all kinds have.
 REFUSED = {
     "empty": ([], None, "is empty; the first line must name the columns: azimuth_deg,"),
-    "only a header": (A, None, "has no rows below the names of its columns"),
     "no unit": (["azimuth_deg,rcs", *full()], 1, "unknown column 'rcs'"),
     "twice": (["azimuth_deg,azimuth_deg,rcs_m2"], 1, "duplicate column 'azimuth_deg'"),
     "no azimuth": (["elevation_deg,rcs_m2"], 1, "missing column 'azimuth_deg'"),
