@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers import scenario, with_arrays
+from helpers import paper_network, scenario, with_arrays
 
 import radar_sense as rs
 from radar_sense.acceptance.requirement import Requirement
@@ -13,7 +13,7 @@ from radar_sense.acceptance.threshold import decide
 from radar_sense.model.antenna import ElevationGain
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
-from radar_sense.model.radar import Level, Radar
+from radar_sense.model.radar import Level
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.propagation import METHODS, band_of_scenario, distribution, propagate_scenario
 from radar_sense.propagation.draws import estimate
@@ -26,17 +26,11 @@ ONE_EXTREME, NINE_EXTREMES = 2.5, 11
 
 
 def problem(radars, step_deg=30, level="medium"):
-    """The paper's scenario at some poses, with a network of radars about the origin."""
-    azimuth = {"start": 0, "stop": 180, "step": step_deg}
-    s = scenario(geometry__azimuth_deg=azimuth).with_analysis(level=level)
-    if radars == 1:
-        return s
-    state = np.tile(s.radar, radars)
-    state[0::4] += 2e4 * np.arange(radars)
-    state[3::4] *= 0.4
-    cov = np.kron(np.eye(radars), s.cov_radar)
-    model = NetworkModel(tuple(Radar(s.model.radars[0].model, name=f"r{i}") for i in range(radars)))
-    return with_arrays(s, model=model, radar=state, cov_radar={s.level: cov})
+    """The paper's scenario at some poses, with one radar, or several about the origin."""
+    places = [(2e4 * i, 0, 0) for i in range(radars)]
+    constants = [167.0 * (1 if radars == 1 else 0.4)] * radars
+    s = paper_network(places, constants, poses=slice(None, None, 2 * step_deg))
+    return s.with_analysis(level=level)
 
 
 @pytest.fixture
