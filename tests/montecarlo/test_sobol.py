@@ -83,16 +83,12 @@ def test_standard_errors_are_the_spread_over_seeds():
 
 def test_few_samples_have_hardly_a_bias_and_true_errors():
     """exp(0.8 a) (1 + 0.3 b), of which the moments of both factors are known; 32 samples."""
-    indices = [
-        sobol_indices(
-            lambda u, _: (np.exp(0.8 * u[:, 0]) * (1 + 0.3 * u[:, 1]))[np.newaxis],
-            [[0], [1]],
-            outputs=1,
-            samples=32,
-            seed=seed,
-        )
-        for seed in range(150)
-    ]
+
+    def product(u, _):
+        return (np.exp(0.8 * u[:, 0]) * (1 + 0.3 * u[:, 1]))[np.newaxis]
+
+    each = {"outputs": 1, "samples": 32}
+    indices = [sobol_indices(product, [[0], [1]], **each, seed=seed) for seed in range(150)]
     square, spread = np.exp(0.64), np.exp(0.64) * (np.exp(0.64) - 1)
     variance = (spread + square) * 1.09 - square
     total = np.array([1.09 * spread, 0.09 * (spread + square)]) / variance
