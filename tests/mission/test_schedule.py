@@ -12,7 +12,6 @@ import yaml
 from helpers import (
     CONFIGS,
     corridor,
-    cov_by_level,
     few_draws,
     lay_out,
     legend_off_data,
@@ -27,6 +26,8 @@ from routes import POSE_HEAD, STD
 import radar_sense as rs
 from radar_sense.mission.looks import Looks
 from radar_sense.model import geodesy as wgs84
+from radar_sense.propagation import propagate_scenario
+from radar_sense.sources import error_budget
 from radar_sense.words import probability
 
 HEADER = ",".join([POSE_HEAD, *STD])
@@ -213,32 +214,27 @@ def test_the_route_of_the_corridor_is_what_its_script_makes():
 
 
 def test_the_numbers_of_the_corridor_example(monkeypatch):
+    """Those of the comment in configs/corridor.yaml; the bounds but one are by `form`."""
     s = corridor()
-    time = s.time_s
+    time, p_d = s.time_s, s.p_d()
     assert np.sum(np.hypot(*np.diff(s.aircraft[:, :2], axis=0).T)) > 1.04e6
-    lin = s.model.linearize(s.aircraft, s.radar)
-    cov = cov_by_level(s)["medium"]
-    upper = lin.p_d + 3 * lin.std(s.cov_aircraft, cov)
-    assert time[[lin.p_d.argmax(), upper.argmax()]].tolist() == [4140, 2976]
-    assert lin.p_d.max() == pytest.approx(0.072, abs=5e-4)
-    assert upper[time == 4140] == pytest.approx(0.094, abs=5e-4)
-    assert (lin.p_d[time == 2976], upper.max()) == pytest.approx((0.055, 0.113), abs=5e-4)
-    assert time[upper > 0.1][[0, -1]].tolist() == [2952, 3006]
+    assert (time[p_d.argmax()], p_d.max()) == (4140, pytest.approx(0.072, abs=5e-4))
+    few = s.at_poses(np.flatnonzero(np.isin(time, [816, 2976, 4140])))
+    linear, form = (propagate_scenario(few, method=method).upper for method in ("linear", "form"))
+    assert (few.p_d()[1], linear[1]) == pytest.approx((0.055, 0.113), abs=5e-4)
+    assert form[1:] == pytest.approx((0.205, 0.095), abs=6e-4)
 
-    pose, mobile = int(np.argmax(upper)), slice(20, 24)
-    along = lin.jac_radar[pose, mobile]
-    total = ((upper[pose] - lin.p_d[pose]) / 3) ** 2
-    shares = [
-        np.sum(along[p] ** 2 * np.diag(cov)[mobile][p]) / total for p in (slice(3), slice(3, 4))
-    ]
-    assert shares == pytest.approx([0.40, 0.53], abs=0.005)
-    low = np.diag(cov_by_level(s)["low"])[mobile]
-    for part, bound in ((slice(20, 23), 0.1006), (slice(23, 24), 0.0976)):
-        known = cov.copy()
-        known[part, part] = np.diag(low[part.start - 20 : part.stop - 20])
-        near = abs(time - 2976) < 300
-        better = lin.p_d + 3 * lin.std(s.cov_aircraft, known)
-        assert better[near].max() == pytest.approx(bound, abs=5e-5)
+    budget = error_budget(few, "form")
+    share = {name: c.share for name, c in (budget.sources | budget.finer).items()}
+    of_mobile = [share[name][1] for name in ("mobile", "mobile_constant", "mobile_position")]
+    assert of_mobile == pytest.approx([0.95, 0.37, 0.35], abs=0.005)
+    own = share["aircraft_position"] + share["aircraft_orientation"]
+    assert own[:2] == pytest.approx([0.28, 0], abs=0.005)
+    for key, value, bound in (("position_m", [300, 300, 10], 0.128), ("constant", 0.00235, 0.147)):
+        known = s.with_keys({f"radars.mobile.uncertainty.medium.{key}": value})
+        near = known.at_poses(np.flatnonzero(abs(time - 2976) < 90))
+        upper = propagate_scenario(near, method="form").upper
+        assert upper.max() == pytest.approx(bound, abs=5e-4)
 
     # Wings level, which is relative to the level of the place.
     place = wgs84.geodetic_from_ned(s.aircraft[:, :3], s.origin)
@@ -257,5 +253,5 @@ def test_the_numbers_of_the_corridor_example(monkeypatch):
     reaches = found["reaches"]["0.5"]
     assert reaches["time_s"] == 930
     assert reaches["earliest_s"] == pytest.approx(888, abs=6)  # one look
-    assert reaches["latest_s"] == pytest.approx(1068, abs=15)
+    assert reaches["latest_s"] == pytest.approx(1062, abs=15)
     assert found["at_end"]["p"] == pytest.approx(0.998, abs=5e-4)
