@@ -64,23 +64,15 @@ def wrapped(angle):
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-def even(count, rng):
-    return np.linspace(0.0, 100.0, count)
-
-
-def uneven(count, rng):
-    time = np.arange(count) + rng.uniform(-0.45, 0.45, count)  # steps of 0.1 beside 1.9
-    return (time - time[0]) * (100.0 / (time[-1] - time[0]))
-
-
 @pytest.mark.parametrize("right", [True, False])
 @pytest.mark.parametrize("climb", [0.0, 30.0])
-@pytest.mark.parametrize("times", [even, uneven])
-def test_turns_converge_with_the_square_of_the_step(right, climb, times):
+@pytest.mark.parametrize("uneven", [0, 0.45])  # steps of 0.1 beside 1.9
+def test_turns_converge_with_the_square_of_the_step(right, climb, uneven):
     rng = np.random.default_rng(3)
     errors = []
     for count in (201, 801, 3201):
-        time = times(count, rng)
+        time = np.arange(count) + rng.uniform(-uneven, uneven, count)
+        time = (time - time[0]) * (100.0 / (time[-1] - time[0]))
         position, expected = helix(time, speed=200.0, radius=4e3, climb=climb, right=right)
         off = np.abs(wrapped(of_samples(time, position) - expected))
         # The whole path, ends included.
@@ -238,8 +230,8 @@ def test_legs_follow_the_curve_of_the_earth():
 def test_the_distance_on_a_smooth_path_is_the_length_of_the_curve(step):
     """A circle of 3 km flown through six samples a turn. Straight lines are 5 % shorter."""
     turn = np.deg2rad(np.arange(0, 721, 60.0))
-    columns = {"north_m": 3e3 * np.sin(turn), "east_m": 3e3 * np.cos(turn), "down_m": 0 * turn}
-    route = load({"time_s": np.rad2deg(turn), **columns})
+    circle = 3e3 * np.stack([np.sin(turn), np.cos(turn), 0 * turn], axis=1)
+    route = load(ned(np.rad2deg(turn), circle))
     found = resample(route, step, "smooth")
     dense = resample(route, 0.01, "smooth")
     lengths = np.linalg.norm(np.diff(dense.aircraft[:, :3], axis=0), axis=-1)
@@ -275,7 +267,7 @@ def test_a_smooth_flight_keeps_place_and_course_where_it_hovers():
     time = np.arange(0, 305, 5.0)
     east = 20 * np.minimum(time, 100) + 0.3 * (time > 100)
     north, down = 20 * np.maximum(0, time - 200), -300 - 0.2 * np.clip(time - 100, 0, 100)
-    flight = load({"time_s": time, "north_m": north, "east_m": east, "down_m": down})
+    flight = load(ned(time, np.stack([north, east, down], axis=1)))
     found = interpolate(flight, np.arange(100.0, 200.0, 0.7), "smooth").aircraft
     np.testing.assert_allclose(found[:, :2], [[0, 2000]] * len(found), atol=0.31)
     np.testing.assert_allclose(found[:, 3:], [[0, 0, np.pi / 2]] * len(found), atol=1e-12)
@@ -297,8 +289,7 @@ def test_the_nose_of_a_climbing_flight_stays_down_where_it_stops_or_turns_back(
 ):
     """2 m/s of climb throughout; the steepest leg over ground is 11 deg."""
     time = 10.0 * np.arange(len(north))
-    columns = {"time_s": time, "north_m": north, "east_m": 0 * time, "down_m": -300 - 2 * time}
-    flight = load(columns)
+    flight = load(ned(time, np.stack([north, 0 * time, -300 - 2 * time], axis=1)))
     if method == "smooth":
         flight = interpolate(flight, np.arange(0.0, time[-1], 0.01), method)
     assert 0 < abs(np.tan(flight.aircraft[:, 4])).max() < 3.5 * steepest
@@ -307,12 +298,10 @@ def test_the_nose_of_a_climbing_flight_stays_down_where_it_stops_or_turns_back(
 def test_a_climb_that_begins_on_the_first_leg_has_its_slope():
     """Rows of h = 50 m/s² t²/20, and the parabola through them is exact at both ends."""
     time = 10.0 * np.arange(5)
-    columns = {"time_s": time, "north_m": 50 * time, "east_m": 0 * time, "down_m": -0.1 * time**2}
-    pitch = load(columns).aircraft[:, 4]
-    np.testing.assert_allclose(np.tan(pitch), 0.2 * time / 50, atol=1e-12)
-    down = 0.1 * (time - 5.0) ** 2
-    pitch = load({**columns, "down_m": down}).aircraft[:, 4]
-    np.testing.assert_allclose(np.tan(pitch), -0.2 * (time - 5.0) / 50, atol=1e-12)
+    for turned, at in ((1, time), (-1, time - 5.0)):
+        path = np.stack([50 * time, 0 * time, -turned * 0.1 * at**2], axis=1)
+        pitch = load(ned(time, path)).aircraft[:, 4]
+        np.testing.assert_allclose(np.tan(pitch), turned * 0.2 * at / 50, atol=1e-12)
 
 
 @pytest.mark.parametrize("origin", [None, ORIGIN])
@@ -327,10 +316,7 @@ def test_the_attitude_at_a_time_is_the_same_whatever_other_times_are_asked(metho
         way[1] = 5 * step[1]
         course = np.cumsum(rng.normal(0, 0.6, n - 1))
         aircraft = np.zeros((n, 6))
-        aircraft[1:, 0], aircraft[1:, 1] = (
-            np.cumsum(way * np.cos(course)),
-            np.cumsum(way * np.sin(course)),
-        )
+        aircraft[1:, :2] = np.cumsum(way * [np.cos(course), np.sin(course)], axis=1).T
         aircraft[:, 2] = np.cumsum(rng.choice([0, 0, -5], n))
         route = rs.Route(np.append(0, np.cumsum(step)), aircraft, None, False, origin)
         asked = np.union1d(rng.uniform(0, route.time_s[-1], 20), route.time_s)
@@ -370,15 +356,13 @@ def test_the_course_of_a_hover_is_that_of_a_flight_that_stops_between_two_rows(d
         aircraft = np.zeros((len(time), 6))
         aircraft[:, 0], aircraft[:, 1] = np.sin(angle), 1 - np.cos(angle)
         away = drift * np.maximum(time - step * count, 0)[:, np.newaxis]
-        aircraft[:, :2] = aircraft[:, :2] * speed / turn + away * unit(rng.uniform(0, 7))
+        downwind = rng.uniform(0, 7)
+        aircraft[:, :2] = aircraft[:, :2] * speed / turn
+        aircraft[:, :2] += away * [np.cos(downwind), np.sin(downwind)]
         aircraft = aircraft.round(2)
         route = rs.Route(time, aircraft, None, False)
         found = interpolate(route, time[-2:], "smooth").aircraft[:, 5]
         np.testing.assert_allclose(wrapped(found - turn * stop), 0, atol=np.radians(10))
-
-
-def unit(course):
-    return np.array([np.cos(course), np.sin(course)])
 
 
 def test_one_pose_stays_one_pose():
