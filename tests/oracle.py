@@ -93,6 +93,13 @@ def north(snr, p_fa):
 
 
 @_precisely
+def north_tails(snr, p_fa):
+    """P_D of eq. (1), and 1 − P_D."""
+    argument = mp.sqrt(-mp.log(mpf(p_fa))) - mp.sqrt(mpf(snr) + mpf("0.5"))
+    return mp.erfc(argument) / 2, mp.erfc(-argument) / 2
+
+
+@_precisely
 def p_d(aircraft, radar, rcs, p_fa):
     """P_D at one pose."""
     return north(snr(aircraft, radar, rcs), p_fa)

@@ -13,14 +13,8 @@ from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3, linearize
 from radar_sense.model.rcs import ConstantRCS
 
-
-def north(snr, p_fa):
-    miss = mp.erfc(mp.sqrt(snr + mpf("0.5")) - mp.sqrt(-mp.log(mpf(p_fa)))) / 2
-    return oracle.north(snr, p_fa), miss
-
-
 ORACLES = {
-    North: north,
+    North: oracle.north_tails,
     Marcum: oracle.marcum,
     Swerling1: oracle.swerling1,
     Swerling3: oracle.swerling3,
