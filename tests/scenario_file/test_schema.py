@@ -43,7 +43,7 @@ MISTAKES = [
     {"radar__tracking": {}},
     {"radar__detector": "mracum"},
     {"radar__horizon": 1},
-    {"radars": NETWORK["radars"]},
+    {"radars": NETWORK["radars"], "radar": PAPER["radar"]},
     {"aircraft__rcs": {"model": "constant", "rcs_m2": 1, "a_m": 1}},
     {"aircraft__rcs": {"model": "table", "file": "a.csv", "sha256": "12"}},
     {"geometry__type": "circle"},
