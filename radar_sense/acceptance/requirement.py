@@ -35,8 +35,9 @@ class Requirement:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The limit and k, for a record."""
-        return {"p_min" if self.at_least else "p_max": self.limit, "k": self.k}
+        """The limit, k, and the probability if it was given, for a record."""
+        given = {} if self.probability is None else {"probability": self.probability}
+        return {"p_min" if self.at_least else "p_max": self.limit, "k": self.k, **given}
 
     @property
     def tail(self) -> float:

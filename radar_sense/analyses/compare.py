@@ -119,7 +119,8 @@ def compare(
             "--dask the draws know their own"
         )
     elif not drawn.std.any():
-        result.report.insert(0, "P_D is certain: every method has the same value")
+        same = "every method" if len(whole) == len(moments) else "every method that has a value"
+        result.report.insert(0, f"P_D is certain: {same} has the same")
     elif unknown:
         better = [method for method in unknown if method != MONTE_CARLO][:1]
         more = "".join(f"; the command validate with --method {m} makes more" for m in better)

@@ -76,7 +76,7 @@ def required_accuracy(
     axis = poses.scenario.axis
     required = required_accuracies(poses.scenario, goal, method=method)
 
-    wanted = f"3 sigma <= {limit:g}" if asked is None else condition(asked)
+    wanted = f"3 sigma <= {limit:.12g}" if asked is None else condition(asked)
     place = "at all poses" if at is None else f"at {axis.format(at)}"
     between = f" and at {poses.added} between them" if poses.added else ""
     start = f"for {wanted} {place}{between}, "

@@ -171,6 +171,7 @@ def _add_tests(result: Result, axis: Axis, tests: list[PathTest]) -> list[str]:
         **required.numbers,
         "holds": values[holds].tolist(),
         "violated": values[violated].tolist(),
+        "not_known": values[unknown].tolist(),
     }
     result.passed = bool(holds.any())
     lines = []

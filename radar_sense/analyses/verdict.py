@@ -48,18 +48,18 @@ def condition(required: Requirement) -> str:
     if required.probability is not None:
         return f"{beyond_in_words(required)} <= {required.probability:g}"
     sign, relation = ("-", ">=") if required.at_least else ("+", "<=")
-    return f"P_D {sign} {required.k:g} sigma {relation} {required.limit:g}"
+    return f"P_D {sign} {required.k:g} sigma {relation} {required.limit:.12g}"
 
 
 def draw_limit(axes: Axes, required: Requirement, dashes: str) -> None:
     """Draw the limit, and name it with its value."""
-    label = f"{'required $P_D$' if required.at_least else 'threshold'} {required.limit:g}"
+    label = f"{'required $P_D$' if required.at_least else 'threshold'} {required.limit:.12g}"
     axes.axhline(required.limit, color="black", lw=plotting.points(0.8), ls=dashes, label=label)
 
 
 def beyond_in_words(required: Requirement) -> str:
     """Return the probability of P_D beyond the limit, in words."""
-    return f"P(P_D {'<' if required.at_least else '>'} {required.limit:g})"
+    return f"P(P_D {'<' if required.at_least else '>'} {required.limit:.12g})"
 
 
 def highest_in_words(tested: PathTest) -> str:
@@ -153,8 +153,6 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
         },
         "runs": runs.runs,
     }
-    if required.probability is not None:
-        summary["probability"] = required.probability
     if not tested.path.resolved:
         return summary
     if runs.anywhere is not None:
@@ -184,7 +182,7 @@ def _report(tested: PathTest) -> list[str]:
         if tested.coordinate is None:
             beyond, about = tested.beyond, "at"
         lines += [
-            f"the bound is {side(required)} {required.limit:g} {about} {beyond:g} of "
+            f"the bound is {side(required)} {required.limit:.12g} {about} {beyond:g} of "
             f"{tested.total:.6g} {_unit(tested)} ({tested.beyond / tested.total:.1%})"
         ]
     lines += _probability_lines(tested)
@@ -250,7 +248,7 @@ def _remedy(tested: PathTest) -> str:
 def _why(tested: PathTest) -> str:
     """Return whether P_D itself is beyond the limit, or only its bound."""
     required, p_d = tested.requirement, tested.path.band.p_d
-    margin, limit = required.margin(p_d), f"{required.limit:g}"
+    margin, limit = required.margin(p_d), f"{required.limit:.12g}"
     place = _beyond(margin < 0, margin, tested.path.scenario.geometry)
     itself = f"P_D itself is {side(required)} {limit} {place}"
     goal = f"--k {required.k:g}"

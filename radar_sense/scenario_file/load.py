@@ -82,4 +82,5 @@ def _again(
     text: str, source: str, before: Mapping[str, Any], changes: Mapping[str, Any]
 ) -> Scenario:
     """Return the scenario of a text with further changes."""
-    return parse_scenario(text, source, {**before, **changes})
+    kept = {key: value for key, value in before.items() if key not in changes}
+    return parse_scenario(text, source, {**kept, **changes})  # the later of two changes wins

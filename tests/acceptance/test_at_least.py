@@ -29,7 +29,7 @@ def test_the_verdict_is_that_of_the_lower_bound(method):
         worst = f"at the worst pose, 30 deg: P_D {p_d}, between {low} and {high} (3 sigma)"
         assert worst in result.report
     assert result.report[0].startswith("VIOLATED at 30 to ")
-    assert f"budget with --at-least {p_min:g} --k 3" in " ".join(result.report)
+    assert f"budget with --at-least {p_min:.12g} --k 3" in " ".join(result.report)
     above = analyses.variance(s, at_least=0.99).report
     assert "P_D itself is below 0.99 at all 9 poses: no better knowledge helps there" in above
 

@@ -392,6 +392,13 @@ def test_no_uncertainty_at_all():
         assert not any("%" in line for line in budget.report)
 
 
+def test_where_p_d_is_certain_a_method_may_still_have_no_value():
+    """Straight above the radar the aspect has no gradient; c_r is far more than P_D of 1 needs."""
+    strong = scenario(**OVERHEAD, **known_to(10), radar__constant=1e9).at_poses(slice(1))
+    answer, *_ = analyses.compare(strong).report
+    assert answer == "P_D is certain: every method that has a value has the same"
+
+
 def test_validate_without_any_result(monkeypatch):
     small_batches(monkeypatch)
     result = analyses.validate(scenario(**OVERHEAD), digits=1)

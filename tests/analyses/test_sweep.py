@@ -69,7 +69,14 @@ def test_the_answer_of_a_threshold_is_where_it_holds():
     least = analyses.sweep(rs.load_scenario(), at_least=0.2, **SWEPT)
     heading = "P_D - 3 sigma >= 0.2 by radar.constant:"
     assert list(least.report[:3]) == [heading, "holds at 200", "VIOLATED at 100 to 150"]
-    assert (least.passed, least.summary["threshold"]["p_min"]) == (True, 0.2)
+    assert least.summary["threshold"] == {
+        "p_min": 0.2, "k": 3.0, "holds": [200.0], "violated": [100.0, 150.0], "not_known": [],
+    }  # fmt: skip
+    assert least.passed
+    asked = {"threshold": 0.9999999, "probability": 0.02}
+    nearly = analyses.sweep(rs.load_scenario(), **asked, **SWEPT)
+    assert nearly.report[0] == "P(P_D > 0.9999999) <= 0.02 by radar.constant:"
+    assert nearly.summary["threshold"]["probability"] == 0.02
 
 
 def test_a_value_that_is_implausible_is_warned_of_and_not_that_of_the_file():

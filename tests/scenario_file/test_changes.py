@@ -44,6 +44,14 @@ def test_a_change_is_the_file_with_another_value(key, value):
         assert_same(rs.load_scenario(changes={key: np.array(value)}), expected)
 
 
+def test_a_key_that_is_changed_again_has_its_last_value():
+    """Also where another change has replaced the section in between."""
+    section = {**document()["radar"], "constant": 1}
+    before = rs.load_scenario(changes={"radar.constant": 2, "radar": section})
+    assert before.radar[3] == 1
+    assert before.with_keys({"radar.constant": 3}).radar[3] == 3
+
+
 def test_places_of_lists_and_radars_by_name():
     text = yaml.load(NETWORK.read_text(), yaml.BaseLoader)
     names = [radar["name"] for radar in text["radars"]]
