@@ -14,14 +14,7 @@ import numpy as np
 from radar_sense import options, plotting
 from radar_sense.analyses.map_export import geojson
 from radar_sense.command import Figure, Option, Result, command
-from radar_sense.coverage.grid import (
-    Grid,
-    Plane,
-    grid,
-    p_d_in_cells,
-    upper_bound,
-    worst_p_d_in_cells,
-)
+from radar_sense.coverage.grid import Grid, Plane, bound, grid, p_d_in_cells, worst_p_d_in_cells
 from radar_sense.errors import InputError
 from radar_sense.limits import FORMATS, MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geodesy import geodetic_from_ned, turn_to_origin
@@ -47,17 +40,20 @@ LETTERS = 18
 IN_TITLE = 15
 #: The default of the ends of the map.
 AROUND = "around radars and path"
+#: The bounds that a map can show, as options.
+ENDS = ("upper", "lower")
 
 
 @command(
-    replace(options.LEVEL, needs=("upper",)),
+    replace(options.LEVEL, needs=ENDS),
     options.ONE_RADAR,
     Option("upper", "Show the upper bound in place of P_D.", flag=True),
-    replace(options.K, needs=("upper",)),
+    Option("lower", "Show the lower bound in place of P_D.", flag=True, excludes=("upper",)),
+    replace(options.K, needs=ENDS),
     replace(
         options.METHOD_BUT_DRAWS,
         help=f"{options.METHOD_BUT_DRAWS.help} automatic is form, checked in some cells.",
-        needs=("upper",),
+        needs=ENDS,
     ),
     Option(
         "north_km",
@@ -91,12 +87,13 @@ AROUND = "around radars and path"
         "worst_heading",
         "Show the largest P_D over all headings.",
         flag=True,
-        excludes=("upper", "course_deg"),
+        excludes=(*ENDS, "course_deg"),
     ),
     options.WORKER_THREADS,
     examples=(
         "radar-sense map",
         "radar-sense map my.yaml --upper --method probit --step-km 5",
+        "radar-sense map network.yaml --lower --p-d 0.9",
         "radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45",
         "radar-sense map my.yaml --worst-heading --step-km 10",
         "radar-sense map network.yaml --radar ridge",
@@ -114,6 +111,7 @@ def coverage_map(
     course_deg: float | None = None,
     p_d: Sequence[float] = LEVELS,
     upper: bool = False,
+    lower: bool = False,
     k: float | None = None,
     worst_heading: bool = False,
     workers: int = 1,
@@ -121,10 +119,10 @@ def coverage_map(
     """P_D over an area at one height and course.
 
     The table is an NPZ file for numpy.load, with north_m, east_m, and p_d in single precision.
-    The upper bound adds the column upper_3sigma, or upper_2sigma for a K of 2. The worst heading
-    adds worst_heading_deg. An origin adds latitude_deg and longitude_deg. The figure shows the
-    route in the same colours, by P_D at the attitude of each pose. With an origin the map can be
-    GeoJSON too: the contours of P_D and of the bound, the radars, and the route with P_D of each
+    A bound adds the column upper_3sigma or lower_3sigma, or upper_2sigma for a K of 2. The worst
+    heading adds worst_heading_deg. An origin adds latitude_deg and longitude_deg. The figure shows
+    the route in the same colours, by P_D at the attitude of each pose. With an origin the map can
+    be GeoJSON too: the contours of P_D and of the bound, the radars, and the route with P_D of each
     leg.
     """
     no_draws(scenario.method)
@@ -134,14 +132,15 @@ def coverage_map(
     if not len(p_d):
         raise InputError("'p_d' must have the P_D of one contour line or more")
     k, contours, result = k or 3.0, sorted(set(p_d)), Result(scenario)
-    add, column = result.table.add, f"upper_{k:.12g}sigma" if upper else "p_d"
+    end = "upper" if upper else "lower" if lower else ""
+    add, column = result.table.add, f"{end}_{k:.12g}sigma" if end else "p_d"
 
     def planes(cells: Grid) -> dict[str, Plane]:
         if worst_heading:
             largest, heading = worst_p_d_in_cells(cells, workers=workers)
             return {"p_d": largest, "worst_heading_deg": heading}
-        bounding = method if upper else None
-        found = p_d_in_cells(cells, method=bounding, beta=k, workers=workers)
+        bounding, beta = method if end else None, -k if lower else k
+        found = p_d_in_cells(cells, method=bounding, beta=beta, workers=workers)
         return dict(zip(("p_d", column), found, strict=False))
 
     cells = grid(
@@ -161,8 +160,8 @@ def coverage_map(
     if worst_heading:
         meaning = "With --worst-heading: the heading of the largest P_D."
         add("worst_heading_deg", found["worst_heading_deg"], meaning, "°")
-    if upper:
-        add(column, shown, f"With --upper: upper {k:g}-sigma bound of P_D in each cell.")
+    if end:
+        add(column, shown, f"With --{end}: {end} {k:g}-sigma bound of P_D in each cell.")
     area = np.diff(cells.north)[0] * np.diff(cells.east)[0] / 1e6
     cell_km2 = np.broadcast_to(area, cells.shape)
     if scenario.origin is not None:
@@ -174,10 +173,12 @@ def coverage_map(
 
     area_km2 = float(np.sum(cell_km2))
     levels = np.array(contours)  # in double precision, as P_D is not
-    areas = {f"{level:g}": float(np.sum(cell_km2[~(shown < level)])) for level in levels}
+    # without the cells that have no value, and with them
+    spans = [[float(np.sum(cell_km2[m])) for m in (shown >= v, ~(shown < v))] for v in levels]
+    areas = {f"{v:.12g}": span[0 if lower else 1] for v, span in zip(contours, spans, strict=True)}
     route = scenario.p_d()
-    if upper:  # a route has few poses, and errors of its own
-        route = band_of_scenario(scenario, method=AUTOMATIC, beta=k).upper
+    if end:  # a route has few poses, and errors of its own
+        route = getattr(band_of_scenario(scenario, method=AUTOMATIC, beta=k), end)
     result.summary |= {
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
         "east_km": [float(cells.east[0]) / 1e3, float(cells.east[-1]) / 1e3],
@@ -186,29 +187,28 @@ def coverage_map(
         "attitude_deg": np.rad2deg(cells.pose[ATTITUDE]).tolist(),
         "worst_heading": worst_heading,
         "shown": column,
-        **({"k": k} if upper else {}),
+        **({"end": end, "k": k} if end else {}),
         "area_km2": area_km2,
         "contours": contours,
         "area_km2_at_or_above": areas,
         "route": [float(np.fmin.reduce(route)), float(np.fmax.reduce(route))],
     }
-    off = _off_by_draws(cells, method, k) if upper else {}
+    off = _off_by_draws(cells, method, k, end) if end else {}
     unknown = _unknown(cells, shown)
     most = {"high": "at most ", "low": "at least "}.get(" and ".join(off), "")  # none if both
-    quantity = f"upper {k:g}-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
+    quantity = f"{end} {k:g}-sigma bound of P_D ({scenario.level}, {method})" if end else "P_D"
     place = _pose_in_words(result.summary)
     result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]
-    for level, area in zip(contours, areas.values(), strict=True):
-        span = float(np.sum(cell_km2[shown >= level])), area  # without unknown cells, and with them
+    for level, span in zip(contours, spans, strict=True):
         share = " to ".join(dict.fromkeys(f"{100 * end / area_km2:.1f}" for end in span))
         size = " to ".join(dict.fromkeys(f"{float(f'{end:.4g}'):,.10g}" for end in span))
-        result.report.append(f"  {level:g} or more in {most}{share} % of the area, {size} km^2")
+        result.report.append(f"  {level:.12g} or more in {most}{share} % of the area, {size} km^2")
     ends = " to ".join(map(probability, result.summary["route"]))
-    by = ", by automatic" if upper else ""
+    by = ", by automatic" if end else ""
     result.report += [f"along the route, at the attitude of each pose, {ends}{by}"]
     result.warnings += height_of_option(scenario, down_km)
     result.warnings += _warnings(cells, shown, method, unknown)
-    without = "at the route, the bound has no value" if upper else "at the route, P_D has no value"
+    without = "at the route, the bound has no value" if end else "at the route, P_D has no value"
     result.warnings += placed("no-value", np.isnan(route), scenario.axis, without)
     if off:
         remedy = "use variance at poses there" if method == "form" else REMEDY
@@ -254,8 +254,8 @@ def _warnings(cells: Grid, shown: Plane, method: str, unknown: int) -> Iterator[
     scenario, of_all = cells.scenario, f"of {shown.size:,} cells"
     if unknown:
         yield warning("cells-unknown", f"no number in {unknown:,} {of_all} (NaN in the file)")
-    if beyond := int(np.count_nonzero(shown > 1)):
-        yield warning("band-outside", f"the {method} bound exceeds 1 in {beyond:,} {of_all}")
+    if beyond := int(np.count_nonzero((shown < 0) | (shown > 1))):
+        yield warning("band-outside", f"the {method} bound leaves [0, 1] in {beyond:,} {of_all}")
     tables = [
         (model.rcs, state)
         for model, state in zip(scenario.model.models, scenario.radar_states, strict=True)
@@ -274,15 +274,16 @@ def _warnings(cells: Grid, shown: Plane, method: str, unknown: int) -> Iterator[
         )
 
 
-def _off_by_draws(cells: Grid, method: str, k: float) -> dict[str, str]:
+def _off_by_draws(cells: Grid, method: str, k: float, end: str) -> dict[str, str]:
     """Return in how many of the sampled cells draws say that the bound is too low or too high."""
     sampled = (slice(None, None, -(-count // SAMPLED)) for count in cells.shape)
     checked = cells.scenario.at_states(cells.states(*sampled))
     # the bound alone is shown: it may have a value where the moments have none
-    shown = upper_bound(checked, method, k)
-    true = band_of_scenario(checked, method=AUTOMATIC, beta=k)
-    allowed = np.maximum(tolerance_of(true.upper), LEAST_CHANGE) + ERRORS * true.error
-    excess = {"low": true.upper - shown, "high": shown - true.upper}
+    shown = bound(checked, method, -k if end == "lower" else k)
+    by_draws = band_of_scenario(checked, method=AUTOMATIC, beta=k)
+    true = getattr(by_draws, end)
+    allowed = np.maximum(tolerance_of(true), LEAST_CHANGE) + ERRORS * by_draws.error
+    excess = {"low": true - shown, "high": shown - true}
     return {
         name: f"too {name} in {len(off)} of {shown.size} by up to {off.max():.2g}"
         for name, by in excess.items()
@@ -294,7 +295,7 @@ def _draw(figure: Figure, result: Result, route: FloatArray, unknown: int) -> No
     """Draw the cells with contours, the route and the radars."""
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
-    bounded, worst = result.summary["shown"] != "p_d", "worst_heading_deg" in table
+    end, worst = result.summary.get("end"), "worst_heading_deg" in table
     # A figure resolves no more than 1000 cells a side, and contours of more cells take long.
     stride = max(1, -(-max(len(north), len(east)) // 1000))
     north, east = north[::stride], east[::stride]
@@ -324,14 +325,17 @@ def _draw(figure: Figure, result: Result, route: FloatArray, unknown: int) -> No
     if unknown:
         plotting.add_small_print(figure, "red: no value")
     low, high = np.nanmin(values, initial=1), np.nanmax(values, initial=0)
-    k = result.summary.get("k", 3.0)
-    name = rf"Upper ${k:g}\,\sigma$ bound of $P_D$ ({scenario.level}, {scenario.method})"
-    of_headings = "Largest $P_D$ over all headings"
+    name = r"Probability of detection $P_D$"
+    if end:
+        band = rf"${result.summary['k']:g}\,\sigma$ bound of $P_D$"
+        name = f"{end.capitalize()} {band} ({scenario.level}, {scenario.method})"
+    elif worst:
+        name = "Largest $P_D$ over all headings"
     bar = figure.colorbar(
         image,
         ax=axes,
-        label=name if bounded else of_headings if worst else r"Probability of detection $P_D$",
-        extend="max" if high > 1 else "neither",
+        label=name,
+        extend="max" if high > 1 else "min" if low < 0 else "neither",
         **({"location": "bottom", "aspect": 40} if flat else {"fraction": 0.05, "pad": 0.03}),
     )
     levels, thin = result.summary["contours"], plotting.points(0.8)
@@ -344,7 +348,7 @@ def _draw(figure: Figure, result: Result, route: FloatArray, unknown: int) -> No
         for v, colour in drawn.items():
             (bar.ax.axvline if flat else bar.ax.axhline)(v, color=colour, lw=thin)
     poses, radars = scenario.aircraft / 1e3, scenario.radar_states / 1e3
-    label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
+    label = "route, by its own bound" if end else r"route, by its own $P_D$"
     plotting.coloured_line(axes, poses[:, 1], poses[:, 0], route, colours, label)
     if scenario.time_s is not None:
         plotting.mark(axes, poses[:1], "o", 4.0, "start")

@@ -20,7 +20,7 @@ from radar_sense.limits import DEG
 from radar_sense.model import geodesy
 from radar_sense.states import POSITION, FloatArray
 
-#: Most legs of a route in a file. More legs are joined, with the largest P_D of the legs.
+#: Most legs of a route in a file. More legs are joined.
 _MOST_LEGS = 5_000
 Position = list[float]
 Feature = dict[str, Any]
@@ -59,7 +59,7 @@ def _contours(result: Result, cells: Grid, origin: tuple[float, float, float]) -
             if parts:
                 yield _feature(
                     "contour",
-                    f"{_name(result, column)}{heading} = {level:g}",
+                    f"{_name(result, column)}{heading} = {level:.12g}",
                     ("MultiLineString", parts),
                     plotting.hex_colour(level),
                     {"quantity": column, "value": level, "level": result.scenario.level},
@@ -67,7 +67,9 @@ def _contours(result: Result, cells: Grid, origin: tuple[float, float, float]) -
 
 
 def _name(result: Result, column: str) -> str:
-    return "P_D" if column == "p_d" else f"upper {result.summary['k']:g}-sigma bound of P_D"
+    if column == "p_d":
+        return "P_D"
+    return f"{result.summary['end']} {result.summary['k']:g}-sigma bound of P_D"
 
 
 def _radars(result: Result, origin: tuple[float, float, float]) -> Iterator[Feature]:
@@ -81,14 +83,18 @@ def _radars(result: Result, origin: tuple[float, float, float]) -> Iterator[Feat
 def _legs(
     result: Result, values: FloatArray, origin: tuple[float, float, float]
 ) -> Iterator[Feature]:
-    """Yield the legs of the route with a value, each with the largest of the poses on the leg."""
+    """Yield the legs of the route with a value, the largest of the poses on the leg.
+
+    Of a lower bound it is the smallest.
+    """
     places = geodesy.geodetic_from_ned(result.scenario.aircraft[:, POSITION], origin)
-    column = result.summary["shown"]
+    column, lower = result.summary["shown"], result.summary.get("end") == "lower"
+    most = np.fmin if lower else np.fmax
     last = len(values) - 1
     stride = max(1, -(-last // _MOST_LEGS))
     for start in range(0, last, stride):
         leg = slice(start, min(start + stride, last) + 1)
-        value = float(np.fmax.reduce(values[leg]))
+        value = float(most.reduce(values[leg]))
         if np.isnan(value):
             continue
         parts = _cut(places[leg])

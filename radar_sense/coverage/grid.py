@@ -1,4 +1,4 @@
-"""The cells of a map, and P_D and its upper bound in each cell.
+"""The cells of a map, and P_D and a bound of it in each cell.
 
 The aircraft is at the centre of every cell, at one height and on one course. Everything else is as
 in the scenario. Cells are computed in blocks of rows, to save memory.
@@ -25,7 +25,7 @@ from radar_sense.errors import InputError, counted
 from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import join
-from radar_sense.model.radar import ALWAYS, NEVER
+from radar_sense.model.radar import ALWAYS, NEVER, PERHAPS
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.progress import report
 from radar_sense.propagation import METHODS
@@ -43,8 +43,9 @@ _ON_A_SIDE = 61
 #: of the lobe away from the peak: 3.4 % below the peak of a half sine. Beside a single high node of
 #: a table, it is below the node by 1.5 % of the decibels from the neighbours to the node.
 PER_LOBE = 6
-#: How far a maximum may be above the highest of three samples, in rises of the parabola.
-RISE = 2.0
+#: How far a maximum may be above the highest of three samples, in their second difference. A
+#: parabola rises by an eighth at most, lobes of several radars together by more.
+RISE = 0.5
 #: Maxima of z that differ by less than this are equal but for rounding. The heading is that of the
 #: first of them.
 ALIKE = 1e-9
@@ -182,7 +183,7 @@ def _reach(
 def p_d_in_cells(
     cells: Grid, *, method: str | None = None, beta: float = 3.0, workers: int = 1
 ) -> list[Plane]:
-    """Return P_D in each cell, and its upper bound at Φ(β) if a method of propagation is given.
+    """Return P_D in each cell, and its bound at Φ(β) if a method of propagation is given.
 
     Both are NaN where the aircraft is at a radar, the bound also where the method does not
     converge.
@@ -193,24 +194,26 @@ def p_d_in_cells(
         p_d = scenario.model.p_d(aircraft, scenario.radar)
         if method is None:
             return (p_d,)
-        return p_d, upper_bound(scenario.at_states(aircraft), method, beta).reshape(p_d.shape)
+        return p_d, bound(scenario.at_states(aircraft), method, beta).reshape(p_d.shape)
 
     at_cell = FIRST_ORDER.get(method, OTHER) if method else 1.0
     _foresee(cells, at_cell, workers)
     return _in_cells(cells, planes, workers)
 
 
-def upper_bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
-    """Return the upper bound of P_D (n,) at Φ(β) by a method, with limits that may be crossed.
+def bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
+    """Return the bound of P_D (n,) at Φ(β) by a method, with limits that may be crossed.
 
-    A method leaves out that an error may bring the aircraft within the limits of a radar. Where an
-    error of βσ of the positions may, the radar has no limits here, and the bound is too high.
+    A method leaves out that an error may bring the aircraft within or beyond the limits of a radar.
+    Where an error of βσ of the positions may, the radar has no limits in an upper bound, and does
+    not see the aircraft in a lower one: the band is too wide.
     """
     states = scenario.states()
-    bound, sight = np.zeros(len(states)), states.sight(beta)
-    for rows, part in states.by_sight(np.where(sight == NEVER, NEVER, ALWAYS)):
-        bound[rows] = METHODS[method](part).quantile(beta)
-    return bound
+    found, sight = np.zeros(len(states)), states.sight(abs(beta))
+    sight[sight == PERHAPS] = ALWAYS if beta > 0 else NEVER
+    for rows, part in states.by_sight(sight):
+        found[rows] = METHODS[method](part).quantile(beta)
+    return found
 
 
 def worst_p_d_in_cells(cells: Grid, *, workers: int = 1) -> list[Plane]:
@@ -249,8 +252,9 @@ def _highest(
     """Return the largest z = Φ⁻¹(P_D) of cells (n,) over all headings, and its heading (n,) [rad].
 
     Of a number of sampled headings, those with a larger z than their two neighbours may be beside
-    the largest z of all. Several may be, because lobes can have nearly the same height. A parabola
-    through the three samples says which, see `RISE`, and a golden section finds the maximum there.
+    the largest z of all. Several may be, because lobes can have nearly the same height. The second
+    difference of the three samples says which, see `RISE`, and a golden section finds the maximum
+    there.
 
     Args:
         z_at: From rows (k,) of cells and their headings [rad] to z (k,).
@@ -267,9 +271,8 @@ def _highest(
         after = z_at(every, sampled + step)
         better = here > best
         best[better], at[better] = here[better], sampled
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rise = (after - before) ** 2 / (8.0 * (2.0 * here - before - after))
-            most = here + RISE * rise
+        with np.errstate(invalid="ignore"):
+            most = here + RISE * (2.0 * here - before - after)
             rows = np.flatnonzero((here >= before) & (here > after) & (most >= best))
         promising.append((rows, np.full(len(rows), sampled), most[rows]))
         before, here = here, after

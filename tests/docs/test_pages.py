@@ -16,7 +16,7 @@ PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in
 #: Pages whose commands make the committed figures, or run elsewhere in the tests.
 PARSED_PAGES = {"commands.md", "benchmarks.md"}
 #: Commands that take many seconds are parsed, not run.
-SLOW = re.compile(r"validate|compare|--runs|corridor|--upper|configs/mission.yaml|--target")
+SLOW = re.compile(r"validate|compare|--runs|corridor|--upper|--lower|configs/mission.yaml|--target")
 
 
 def pages_with(pattern):
