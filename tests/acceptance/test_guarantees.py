@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import csv_text, document, required, scenario, write_path, yaml_text
+from helpers import csv_text, required, scenario, write_path
 from reference import reading
 from routes import HEAD, POSE_HEAD
 from scipy.constants import Boltzmann
@@ -191,7 +191,7 @@ def test_a_lobe_of_a_third_of_a_degree_between_rows_is_found(tmp_path, kind, cen
     rows = np.column_stack([azimuth, decibels])
     np.savetxt(tmp_path / "lobe.csv", rows, "%.4f", ",", header="azimuth_deg,rcs_dbsm", comments="")
     common = {
-        "aircraft__rcs": {"model": "table", "file": "lobe.csv"},
+        "aircraft__rcs": {"model": "table", "file": str(tmp_path / "lobe.csv")},
         "radar": {"position_m": [0, 0, 0], "constant": 2e-4, "p_fa": 1e-6, "detector": "swerling1"},
         **CERTAIN,
     }
@@ -201,10 +201,8 @@ def test_a_lobe_of_a_third_of_a_degree_between_rows_is_found(tmp_path, kind, cen
         middle = math.degrees(towards)
         steps = {"start": middle - 7, "stop": middle + 6.5, "step": 4.5}
         orbit = {"type": "orbit", "range_km": 20, "down_km": -0.01, "azimuth_from": "north"}
-        content = document(geometry={**orbit, "azimuth_deg": steps}, **common)
-        content["aircraft"]["attitude_deg"] = [0, 0, 0]
-        (tmp_path / "s.yaml").write_text(yaml_text(content))
-        s = rs.load_scenario(tmp_path / "s.yaml")
+        level = {"aircraft__attitude_deg": [0, 0, 0], **common}
+        s = scenario(geometry={**orbit, "azimuth_deg": steps}, **level)
     else:
         place = 20e3 * np.array([math.cos(towards), math.sin(towards)])
         across = np.array([-math.sin(towards), math.cos(towards)])
