@@ -15,6 +15,7 @@ from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.special import erfcinv
+from studies.bands import package
 
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel, Linearization
@@ -44,13 +45,12 @@ def random_poses(rng, count):
 def random_rcs(rng, kind):
     """Return a model of a kind, and the tuple of the model for the oracles."""
     if kind == "constant":
-        parameters = (10.0 ** rng.uniform(-3, 2),)
-        return ConstantRCS(*parameters), (kind, *parameters)
-    if kind == "ellipsoid":
-        parameters = tuple(rng.uniform(0.05, 0.5, 3).tolist())
-        return EllipsoidRCS(*parameters), (kind, *parameters)
-    parameters = (int(rng.integers(1, 9)), *rng.uniform(0.05, 0.5, 2).tolist())
-    return SpikeballRCS(*parameters), (kind, *parameters)
+        parameters = [10.0 ** rng.uniform(-3, 2)]
+    elif kind == "ellipsoid":
+        parameters = rng.uniform(0.05, 0.5, 3)
+    else:
+        parameters = int(rng.integers(1, 9)), *rng.uniform(0.05, 0.5, 2)
+    return package.model_of((kind, *parameters)), (kind, *parameters)
 
 
 def constant_for(snr, aircraft, radar, rcs):

@@ -16,7 +16,7 @@ from radar_sense.model.fusion import excess_hazard, fuse_probits, linearize_fusi
 from radar_sense.model.horizon import EFFECTIVE_RADIUS, Horizon, horizon_range
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
-from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
+from radar_sense.model.rcs import EllipsoidRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import METHODS, propagate_scenario, unreliable
 from radar_sense.scenario_file.load import load_scenario
@@ -299,9 +299,6 @@ def test_refused_networks():
     with pytest.raises(ValueError, match="'a' is there twice"):
         NetworkModel((first, first))
     two = paper_network([(0, 0, 0)] * 2, [1, 1])
-    other = Radar(DetectionModel(ConstantRCS(1.0), 1e-4), "b")
-    with pytest.raises(ValueError, match="RCS"):  # radars of a band have one
-        with_arrays(two, model=NetworkModel((first, other)))
     for names in (("a", "a_position"), ("a_constant", "a"), ("total", "b"), ("b", "aircraft")):
         network = NetworkModel(tuple(dataclasses.replace(first, name=name) for name in names))
         with pytest.raises(ValueError, match="would mean two things"):
