@@ -41,6 +41,7 @@ PROBLEMS = {
     "short range": Case(populations.problem("short range", 3, 23), 0.3),
     "short range of three": Case(populations.problem("short range", 3, 26), 0.3),
     "maximum range": Case(populations.problem("limits", 3, 19), 0.55),
+    "minimum range": Case(populations.problem("limits", 3, 147), 0.8),
     "horizon": Case(populations.problem("limits", 3, 12), 0.45),
 }
 
