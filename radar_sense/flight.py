@@ -26,7 +26,7 @@ from radar_sense.model.geometry import orbit, slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.track import covariance_in_frame, square_root_in_frame
 from radar_sense.model.trajectory import METHODS, Route, distance_flown, interpolate
-from radar_sense.states import ATTITUDE, FloatArray, ReadOnly, real_array
+from radar_sense.states import ATTITUDE, FloatArray, ReadOnly, read_only
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -129,8 +129,8 @@ class States(Geometry):
     @classmethod
     def of(cls, aircraft: ArrayLike, covariance: ArrayLike = CERTAIN) -> States:
         """Return poses by number from states (n, 6) or (6,), and C_aa (6, 6) or (n, 6, 6)."""
-        states = np.atleast_2d(real_array("aircraft", aircraft))
-        return cls(axes.pose_number(len(states)), states, real_array("covariance", covariance))
+        states = np.atleast_2d(read_only("aircraft", aircraft))
+        return cls(axes.pose_number(len(states)), states, read_only("covariance", covariance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,12 +236,12 @@ class Path(Geometry):
     @classmethod
     def of(cls, time_s: ArrayLike, aircraft: ArrayLike, covariance: ArrayLike = CERTAIN) -> Path:
         """Return a path from times (n,) [s], states (n, 6), and C_aa (6, 6) or (n, 6, 6)."""
-        time, states = real_array("time_s", time_s), real_array("aircraft", aircraft)
+        time, states = read_only("time_s", time_s), read_only("aircraft", aircraft)
         if time.shape != states.shape[:1] or not np.isfinite(time).all():
             raise InputError(
                 f"time_s must be finite, one for each state, got {time.shape} for {states.shape}"
             )
-        return cls(axes.time(time), states, real_array("covariance", covariance), time_s=time)
+        return cls(axes.time(time), states, read_only("covariance", covariance), time_s=time)
 
     @property
     def continuous(self) -> bool:

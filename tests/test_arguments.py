@@ -270,18 +270,20 @@ def test_text_of_numpy_is_written(tmp_path):
 
 
 def made_of(pose, covariance, time, state, matrix):
-    """Return a scenario, one with a path, and a route that are made of these arrays."""
+    """Return a scenario, a path and a route that are made of these arrays."""
     states, own = np.broadcast_to(pose, (3, 6)), np.broadcast_to(covariance, (3, 6, 6))
     radar = changed(state=state, levels={"low": rs.Level(matrix)})
     s = scenario(radars=[radar], geometry=rs.States.of(states, own), level="low")
-    return s, scenario(geometry=rs.Path.of(time, states)), rs.Route(time, states, None, True)
+    return s, rs.Path.of(time, states, own), rs.Route(time, states, None, True)
 
 
 def arrays_of(s, flown, route):
     (radar,) = s.radars
     yield from (s.aircraft, s.cov_aircraft, s.radar, s.cov_radar, s.states().cov_radar)
-    yield from (radar.state, radar.levels["low"].covariance, flown.time_s, flown.axis.values)
-    yield from (route.time_s, route.aircraft)
+    yield from (radar.state, radar.levels["low"].covariance)
+    for path in (flown, scenario(geometry=flown)):
+        yield from (path.time_s, path.axis.values, path.aircraft)
+    yield from (flown.covariance, route.time_s, route.aircraft)
 
 
 def test_arrays_of_the_caller_may_change_later():

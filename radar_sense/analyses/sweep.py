@@ -103,10 +103,11 @@ def sweep(
         pose = widest_of_highest(sign * moments.p_d, moments.upper - moments.lower)
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
         # of the poses that have a value
-        bound = sign * words.peak(sign * getattr(moments, end), one.axis)["value"]
-        extremes.append((*ends, bound, 3.0 * words.peak(moments.std, one.axis)["value"]))
-        if required is not None:
+        bound, std = (words.peak(of, one.axis)["value"] for of in (moments.upper, moments.std))
+        if required is not None:  # also between the rows of a path
             tests.append(path_test(one, required, moments))
+            bound = tests[-1].bound[tests[-1].worst]
+        extremes.append((*ends, bound, 3.0 * std))
         for text in (
             *plausibility_warnings(one),
             *words.validity_warnings(one, moments, k),
@@ -119,8 +120,6 @@ def sweep(
             what = "the values after the first, if they are like it,"
             foresee(what, rest * RATE, less="fewer values")
     p_d, lower, upper, bounds, three_sigma = np.array(extremes).T
-    if tests:  # also between the rows of a path
-        bounds = np.array([tested.bound[tested.worst] for tested in tests])
 
     # the column of an entry of a list ends with the number of the entry, and not with the unit
     add = result.table.add

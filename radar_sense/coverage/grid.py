@@ -206,7 +206,8 @@ def bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
 
     A method leaves out that an error may bring the aircraft within or beyond the limits of a radar.
     Where an error of βσ of the positions may, the radar has no limits in an upper bound, and does
-    not see the aircraft in a lower one: the band is too wide.
+    not see the aircraft in a lower one. By `form` the band is too wide there. By `linear` and
+    `probit` it may be too narrow: a further radar raises P_D and lowers σ.
     """
     states = scenario.states()
     found, sight = np.zeros(len(states)), states.sight(abs(beta))
