@@ -58,7 +58,7 @@ _FEW = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class SourceFile:
     """The file that a scenario was read from, for its record.
 
     Attributes:
@@ -108,7 +108,7 @@ class Scenario:
     method: str = declared(tuple(METHODS), default="automatic")
     rcs_db: float = declared(STD_DB, default=0.0)
     correlation_s: float = declared(CORRELATION, default=0.0)
-    source: Source | None = declared(Source, default=None)
+    source: SourceFile | None = declared(SourceFile, default=None)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radars", self.model.radars)
@@ -352,9 +352,9 @@ class Scenario:
         return self._with(geometry=geometry, source=source)
 
     def of_file(self, file: Any, again: Callable[[Mapping[str, Any]], Scenario]) -> Scenario:
-        """Return the scenario with the file that it was made of, see `Source`."""
+        """Return the scenario with the file that it was made of, see `SourceFile`."""
         made = {name: getattr(self, name) for name in _OF_FILE}
-        return self._with(source=Source(file, made, again))
+        return self._with(source=SourceFile(file, made, again))
 
     def with_keys(self, changes: Mapping[str, Any]) -> Scenario:
         """Return the scenario of the same file with other values, such as {"radar.constant": 200}.
@@ -464,7 +464,7 @@ def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
         own, radars = None, (radar,)
         if source is not None and scenario._is_as_made:
             file = dataclasses.replace(source.file, radars=(source.file.radars[i],))
-            own = Source(file, {**source.made, "radars": radars}, source.again)
+            own = SourceFile(file, {**source.made, "radars": radars}, source.again)
         found[radar.name] = scenario._with(radars=radars, source=own)
     return found
 

@@ -163,9 +163,8 @@ class Budget:
     @cached_property
     def dominant(self) -> Contribution | None:
         """The largest source at the pose; None of equals, or if any has no value."""
-        std = np.array([c.std[self.pose] for c in self.sources.values()])
-        largest = np.flatnonzero(std >= (1.0 - TIE) * std.max())  # NaN is not the largest
-        return [*self.sources.values()][largest[0]] if len(largest) == 1 else None
+        alone = (self.sources[n] for n, mask in self.dominates.items() if mask[self.pose])
+        return next(alone, None)
 
     def interaction_is_noise(self, method: str) -> bool:
         """Return whether the interaction at the pose is within two standard errors, or rounding."""

@@ -158,7 +158,7 @@ WRONG = {
     "max_range must be a number greater than 0, or .inf, got array": (
         lambda: changed(max_range=np.ones(2))
     ),
-    "source must be Source or None, got 'x'": lambda: scenario(source="x"),
+    "source must be SourceFile or None, got 'x'": lambda: scenario(source="x"),
     "flight must be a Route or None, got 'x'": lambda: path(flight="x"),
     "azimuth must be finite and of shape (n,), with n > 0": lambda: rs.TableRCS([], []),
     "radars of one band must have the RCS of one and the same target: give them one object": (

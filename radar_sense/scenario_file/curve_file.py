@@ -14,7 +14,7 @@ import numpy as np
 
 from radar_sense.limits import DEG
 from radar_sense.model.antenna import AZIMUTH, ELEVATION, GAIN_DB
-from radar_sense.scenario_file.table_file import Column, TableFile
+from radar_sense.scenario_file.table_file import NumberColumn, TableFile
 from radar_sense.scenario_file.text_file import TextFile
 from radar_sense.states import FloatArray
 
@@ -24,14 +24,14 @@ _TURN_DEG, _LEAST_DEG = 360.0, 240.0
 
 def read_gain(opened: TextFile) -> tuple[FloatArray, FloatArray]:
     """Return elevations (n,) [rad] and gains (n,) [dB] of an open file."""
-    columns = {"elevation_deg": Column(ELEVATION), "gain_db": Column(GAIN_DB)}
+    columns = {"elevation_deg": NumberColumn(ELEVATION), "gain_db": NumberColumn(GAIN_DB)}
     _, elevation, gain = _read(opened, columns)
     return elevation * DEG, gain
 
 
 def read_mask(opened: TextFile) -> tuple[FloatArray, FloatArray]:
     """Return azimuths (n,) [rad] and lowest visible elevations (n,) [rad] of an open file."""
-    columns = {"azimuth_deg": Column(AZIMUTH), "elevation_deg": Column(ELEVATION)}
+    columns = {"azimuth_deg": NumberColumn(AZIMUTH), "elevation_deg": NumberColumn(ELEVATION)}
     file, azimuth, lowest = _read(opened, columns)
     turn = azimuth[-1] - azimuth[0]
     if not _LEAST_DEG <= turn <= _TURN_DEG:
@@ -44,7 +44,7 @@ def read_mask(opened: TextFile) -> tuple[FloatArray, FloatArray]:
 
 
 def _read(
-    opened: TextFile, columns: Mapping[str, Column]
+    opened: TextFile, columns: Mapping[str, NumberColumn]
 ) -> tuple[TableFile, FloatArray, FloatArray]:
     """Return the file, and the numbers (n,) of its two columns, of which the first ascends."""
     file = TableFile(opened)

@@ -30,16 +30,18 @@ from radar_sense.model.rcs_table import (
     gap,
     out_of_order,
 )
-from radar_sense.scenario_file.table_file import Column, TableFile
+from radar_sense.scenario_file.table_file import NumberColumn, TableFile
 from radar_sense.scenario_file.text_file import TextFile, open_text
 from radar_sense.states import FloatArray
 
 COLUMNS = {
-    "azimuth_deg": Column(Limit(at_least=-180, at_most=360)),
-    "elevation_deg": Column(Limit(at_least=-90, at_most=90)),
-    "rcs_m2": Column(Limit(at_least=SMALLEST, at_most=LARGEST)),
-    "rcs_dbsm": Column(Limit(at_least=10 * np.log10(SMALLEST), at_most=10 * np.log10(LARGEST))),
-    "std_db": Column(STD_DB),
+    "azimuth_deg": NumberColumn(Limit(at_least=-180, at_most=360)),
+    "elevation_deg": NumberColumn(Limit(at_least=-90, at_most=90)),
+    "rcs_m2": NumberColumn(Limit(at_least=SMALLEST, at_most=LARGEST)),
+    "rcs_dbsm": NumberColumn(
+        Limit(at_least=10 * np.log10(SMALLEST), at_most=10 * np.log10(LARGEST))
+    ),
+    "std_db": NumberColumn(STD_DB),
 }
 #: Units of the values of a node, for errors.
 _UNITS = {"rcs_m2": "m^2", "rcs_dbsm": "dBsm", "std_db": "dB"}

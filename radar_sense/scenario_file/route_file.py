@@ -42,7 +42,7 @@ from radar_sense.model.track import (
 from radar_sense.model.trajectory import MIN_STEP, Route, legs
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.conversion import KM
-from radar_sense.scenario_file.table_file import Column, TableFile
+from radar_sense.scenario_file.table_file import NumberColumn, TableFile
 from radar_sense.scenario_file.text_file import TextFile, open_text
 from radar_sense.scenario_file.track_file import PLACES, TIMES, Track, read_gpx, read_state_vectors
 from radar_sense.states import AIRCRAFT, DOWN, POSITION, FloatArray, slices
@@ -87,16 +87,16 @@ _EXCLUSIVE: tuple[tuple[Sequence[str], Sequence[str]], ...] = (
 )
 
 
-def _within(low: float, high: float, unit: float = 1.0) -> Column:
-    return Column(Limit(at_least=low, at_most=high), unit)
+def _within(low: float, high: float, unit: float = 1.0) -> NumberColumn:
+    return NumberColumn(Limit(at_least=low, at_most=high), unit)
 
 
-COLUMNS: dict[str, Column] = {
-    "time_s": Column(TIMES),
-    "speed_m_s": Column(sections.SPEED),
+COLUMNS: dict[str, NumberColumn] = {
+    "time_s": NumberColumn(TIMES),
+    "speed_m_s": NumberColumn(sections.SPEED),
     **{f"{axis}_m": _within(-_FAR, _FAR) for axis in _NED},
     **{f"{axis}_km": _within(-_FAR / 1e3, _FAR / 1e3, 1e3) for axis in _NED},
-    **dict(zip(GEODETIC, map(Column, PLACES, (DEG, DEG, 1.0)), strict=True)),
+    **dict(zip(GEODETIC, map(NumberColumn, PLACES, (DEG, DEG, 1.0)), strict=True)),
     "roll_deg": _within(-_TURN, _TURN, DEG),
     "pitch_deg": _within(-90.0, 90.0, DEG),
     "yaw_deg": _within(-_TURN, _TURN, DEG),

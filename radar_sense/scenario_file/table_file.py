@@ -33,7 +33,7 @@ MAX_ROWS = 1_000_000
 
 
 @dataclass(frozen=True)
-class Column:
+class NumberColumn:
     """The numbers that a column may hold, and its unit in SI."""
 
     limit: Limit
@@ -70,7 +70,7 @@ class TableFile:
         """Return the error to raise about a line, or about the names of the columns."""
         return kind(f"{self.source}:{line or self.line}: {message}")
 
-    def require_known(self, columns: Mapping[str, Column], allowed: str) -> None:
+    def require_known(self, columns: Mapping[str, NumberColumn], allowed: str) -> None:
         """Raise InputError unless the file has some of these columns, and no others.
 
         A file without any column of the format may be a confidential file. Its text is not
@@ -128,7 +128,7 @@ class TableFile:
         if count == MAX_ROWS:
             raise self.error(f"has more than {MAX_ROWS:,} rows", line)
 
-    def numbers(self, columns: Mapping[str, Column]) -> FloatArray:
+    def numbers(self, columns: Mapping[str, NumberColumn]) -> FloatArray:
         """Return the numbers (rows, columns) in the units of the file.
 
         Raises:
