@@ -385,7 +385,8 @@ def _run(
     if analysis.endings:
         size = {"formats": formats, "style": style} if analysis.formats else {}
         _interrupts_are_exceptions()
-        run.written = "files of two runs may stand side by side, the record tells"
+        if len(paths) > 1:
+            run.written = "files of two runs may stand side by side, the record tells"
         try:
             written = result.save(out, **size, command=run.command)
         except FigureError as error:

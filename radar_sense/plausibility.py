@@ -36,9 +36,8 @@ SHARP_TURNS, SHARP = 10, np.deg2rad(120.0)
 MAX_ANGLE = 4.0 * np.pi
 #: Standard deviation of an angle of which nothing is known [rad]: uniform over a turn.
 UNKNOWN_ANGLE = np.pi / np.sqrt(3.0)
-#: Least height above the ellipsoid or the sea [m]: the lowest land minus the greatest depth of the
-#: geoid.
-MIN_HEIGHT = -600.0
+#: Least height of the sea above the ellipsoid [m], south of India (EGM2008, -106.9 m).
+MIN_HEIGHT = -107.0
 #: Greatest height [m]: the edge of space (Fédération Aéronautique Internationale, Sporting Code,
 #: section 8, 2.18.1).
 MAX_HEIGHT = 100e3
@@ -225,10 +224,9 @@ def height_of_option(scenario: Scenario, down_km: float | None) -> Iterator[str]
 
 
 def _ground_height(scenario: Scenario) -> float:
-    """Return the least height of a ground [m]: `MIN_HEIGHT`, or the lowest of origin and radars."""
-    if scenario.origin is not None:
-        return MIN_HEIGHT
-    return min(0.0, -float(scenario.radar_states[:, DOWN].max()))
+    """Return the least height of a ground [m]: of the lowest radar, or the lowest sea or origin."""
+    lowest = float(scenario.geometry.horizon.height(scenario.radar_states).min())
+    return min(lowest, 0.0 if scenario.origin is None else MIN_HEIGHT)
 
 
 def _names(scenario: Scenario) -> list[str]:

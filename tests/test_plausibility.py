@@ -123,10 +123,15 @@ def test_a_network_of_which_one_radar_is_elsewhere(km, far):
 
 
 def test_below_the_ellipsoid(tmp_path):
-    (warning,) = geodetic(tmp_path, alt=-900)
-    assert "900 m below the ellipsoid" in warning
+    """No sea is 108 m below the ellipsoid, but valleys with a radar are."""
+    (warning,) = geodetic(tmp_path, alt=-108)
+    assert "108 m below the ellipsoid" in warning
     one_row = geodetic(tmp_path, alt=300, middle=-700)
     assert any("700 m below the ellipsoid" in warning for warning in one_row)
+    assert geodetic(tmp_path, alt=-106) == ()
+    there = {"latitude_deg": 46.4, "longitude_deg": 8.9, "altitude_m": -430}
+    radar = {"position_geodetic": there, "constant": 10, "p_fa": 1e-6}
+    assert not any("below" in text for text in geodetic(tmp_path, alt=-400, radar=radar))
 
 
 CERTAIN = {"uncertainty__radar__medium__constant": 0}

@@ -310,12 +310,15 @@ class _Search:
         return self._excess((), 0.0, self.limit, LAST)
 
     def _relieves(self, names: tuple[str, ...]) -> bool:
-        """Return whether draws find the limit exceeded by less with sources than without."""
-        ends = self._present, self._excess(names, -np.inf, self.limit, MANY)
-        (present, error), (without, of_it) = (
-            (excess.max(), errors[excess.argmax()]) for excess, errors in ends
-        )
-        return bool(present < without - SURE * np.hypot(error, of_it))
+        """Return whether draws find the limit exceeded by less with sources than without.
+
+        They do not if it is so at some pose alone: another pose is beyond the limit anyway.
+        """
+        rows = self.rows(names, 0.0)
+        without, of_it = self._excess(names, -np.inf, self.limit, MANY, rows)
+        present, error = self._excess((), 0.0, self.limit, MANY, rows)
+        relieved = present < without - SURE * np.hypot(error, of_it)
+        return not np.any((without > SURE * of_it) & ~relieved)
 
     def _excess(
         self,

@@ -81,6 +81,19 @@ class Decision:
         """The first pose with the highest probability of P_D beyond the limit."""
         return int(np.argmax(self.probability))
 
+    @property
+    def anywhere(self) -> tuple[float, float] | None:
+        """Probability of P_D beyond the limit at some pose, and its standard error.
+
+        It is by the runs, but no less than the highest at a pose, which draws may know better. It
+        is None where the runs do not know it.
+        """
+        if self.runs.anywhere is None:
+            return None
+        by_runs = self.runs.anywhere / self.runs.runs, float(self.runs.error(self.runs.anywhere))
+        of_pose = float(self.probability[self.highest]), float(self.error[self.highest])
+        return max(by_runs, of_pose)
+
 
 def decide(scenario: Scenario, requirement: Requirement, first: Estimate | None = None) -> Decision:
     """Return what draws say of a requirement at each pose of a path.

@@ -155,12 +155,11 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     }
     if not tested.path.resolved:
         return summary
-    if runs.anywhere is not None:
+    if decision.anywhere is not None:
+        value, error = decision.anywhere
         summary[f"probability_{where}_at_any_pose"] = {
-            "value": runs.anywhere / runs.runs,
-            "standard_error": float(runs.error(runs.anywhere)),
-            "runs": runs.runs,
-        }
+            "value": value, "standard_error": error, "runs": runs.runs,
+        }  # fmt: skip
     if runs.time is not None:
         summary[f"mean_time_{where}_s"] = {"value": runs.time, "standard_error": runs.time_error}
     return summary
@@ -278,15 +277,16 @@ def _probability_lines(tested: PathTest) -> list[str]:
     if len(axis) == 1 or not tested.path.resolved:
         return [line]
     line += "" if alike.all() else ", where it is highest"
-    if runs.anywhere is None:
+    if decision.anywhere is None:
         scenario = tested.path.scenario
         key = "uncertainty.aircraft_correlation_s (in Python Scenario.correlation_s)"
         missing = [] if scenario.correlation_s else [key]
         missing += ["a path with times"] if scenario.time_s is None else []
         return [line, f"P at some pose needs {' and '.join(missing)}"]
+    value, error = decision.anywhere
     line += (  # P_D of a run may be higher between two poses than at both
-        f"; {words.probability(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} at "
-        f"some pose of {len(axis)} ({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
+        f"; {words.probability(value)} +/- {error:.1g} at some pose of {len(axis)} "
+        f"({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
     )
     return [line]
 

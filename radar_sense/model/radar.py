@@ -237,7 +237,7 @@ class Radar(ReadOnly):
         """
         distance = slant_range(aircraft.states, radar.states)
         error = aircraft.distance + radar.distance
-        near, far = distance - error, distance + error
+        near, far = np.maximum(distance - error, 0.0), distance + error
         may = (far >= self.min_range) & (near <= self.max_range)
         must = (near >= self.min_range) & (far <= self.max_range)
         if self.horizon is not None:

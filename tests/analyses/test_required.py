@@ -165,6 +165,22 @@ def test_sigma_of_few_draws_that_reach_no_limit_is_no_certainty():
     assert any("[sigma-off]" in line for line in result.warnings)
 
 
+@pytest.mark.parametrize(
+    ("other", "says"),
+    [(20, "impossible alone (about 0.1105 remains at 0 deg, from radar_constant)"),
+     (80, "not known")],
+)  # fmt: skip
+def test_a_source_that_takes_p_d_away_from_a_limit_at_one_pose(other, says):
+    """At 0 deg P_D is least, and any error of the heading raises it.
+
+    At 10 deg the limit is exceeded by what the heading does not change, and at 40 deg it is not.
+    """
+    s = scenario(**known_to(0, [0, 0, 8], constant=15)).at_poses(np.array([0, other]))
+    report = rs.analyses.budget(s, at_least=0.998 * s.p_d().min()).report
+    (row,) = (line for line in report if line.startswith("  aircraft_orientation  "))
+    assert row == f"  aircraft_orientation  {says}"
+
+
 def test_position_and_constant_of_a_radar_that_is_enough_alone():
     """Each is scaled by itself, and 3 sigma is then the target by an own root sum of squares."""
     s = rs.load_scenario(CONFIGS / "network.yaml").with_analysis(method="linear", level="high")

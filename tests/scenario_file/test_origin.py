@@ -68,8 +68,8 @@ def test_a_nose_straight_down_is_refused_where_the_file_is_read(tmp_path, stds):
 
 @pytest.mark.parametrize(
     ("altitude", "geoid", "told"),
-    [(-590, None, None), (-610, None, "610 m below the ellipsoid"),
-     (-590, 60.0, "650 m below the sea level"), (-610, -60.0, None)],
+    [(-106, None, None), (-108, None, "108 m below the ellipsoid"),
+     (-90, 60.0, "150 m below the sea level"), (-160, -60.0, None)],
 )  # fmt: skip
 def test_an_aircraft_is_below_the_sea_level_that_is_stated(tmp_path, altitude, geoid, told):
     rows = [(60 * i, 40.1 + 0.01 * i, 10, altitude) for i in range(3)]
