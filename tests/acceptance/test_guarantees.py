@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import csv_text, required, scenario, write_path
+from helpers import csv_text, known_to, required, scenario, write_path
 from reference import reading
 from routes import HEAD, POSE_HEAD
 from scipy.constants import Boltzmann
@@ -90,6 +90,18 @@ def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(
     line = next(line for line in result.report if line.startswith("P(P_D >"))
     assert f"at some pose of {len(each)} (" in line
     np.testing.assert_array_equal(result.table["probability_above"], of_poses[found.path.rows])
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_some_pose_is_beyond_at_least_as_often_as_one(seed):
+    """With a certain aircraft the first pose beyond stands for all; draws know it best."""
+    s = scenario(**known_to(constant=20)).at_poses(slice(0, 361, 60))
+    found = analyses.variance(s, threshold=0.85, seed=seed).summary["threshold"]
+    somewhere, highest = (
+        found[name] for name in ("probability_above_at_any_pose", "highest_probability_above")
+    )
+    assert somewhere["value"] >= highest["value"] > 0.99
+    assert somewhere["standard_error"] <= 1e-3
 
 
 @pytest.mark.usefixtures("few_judge")
