@@ -82,13 +82,15 @@ def report(
     """One HTML page: the questions about a scenario, and the answers.
 
     Each question is answered by a command: its lines, warnings and figure, and the extremes of its
-    table. With --threshold or --at-least the page has this test too, and exit code 3 means that it
-    is violated or not known. The page needs no network and no script. It ends with the command, the
-    versions and the scenario.
+    table. With --threshold or --at-least the page has this test too, with the range and the map of
+    this P_D, and exit code 3 means that the test is violated or not known. The page needs no
+    network and no script. It ends with the command, the versions and the scenario.
     """
     limits = {"threshold": threshold, "at_least": at_least}
     test = {**limits, "k": k, "probability": probability}
     at_k: dict[str, Any] = {} if k is None else {"k": k}
+    limit = threshold if at_least is None else at_least
+    of_limit: dict[str, Any] = {"p_d": limit} if limit and limit < 1 else {}
     compared = scenario.at_poses(compared_poses(scenario))
     few, all_poses = len(compared.axis), len(scenario.axis)
     sample = f" Looked at {few} of {all_poses} poses." if few < all_poses else ""
@@ -99,7 +101,7 @@ def report(
             budget,
             "Where does the uncertainty come from, and what should be measured better first?",
             scenario,
-            test if threshold or at_least else {},
+            test if limit else {},
         ),
         (compare, f"How far can each method be trusted here?{sample}", compared, at_k),
         (mission, "Will the flight have been detected?", scenario, {"workers": workers, **at_k}),
@@ -107,9 +109,14 @@ def report(
             detection_range,
             "How far does each radar see?",
             scenario,
-            {"step_deg": BEARINGS_DEG, **at_k},
+            {"step_deg": BEARINGS_DEG, **at_k, **of_limit},
         ),
-        (coverage_map, "Where in the area is P_D high?", scenario, {"workers": workers}),
+        (
+            coverage_map,
+            "Where in the area is P_D high?",
+            scenario,
+            {"workers": workers, **of_limit},
+        ),
     ]
     if scenario.time_s is None:
         asked = [of_one for of_one in asked if of_one[0] is not mission]

@@ -170,8 +170,8 @@ def test_a_section_is_what_its_command_prints_draws_and_writes(flight, page):
         "budget": of.budget(s, method="linear", threshold=0.5),
         "compare": of.compare(s.at_poses(command.compared_poses(s))),
         "mission": of.mission(s),
-        "range": of.detection_range(s, method="linear", step_deg=30.0),
-        "map": of.coverage_map(s),
+        "range": of.detection_range(s, p_d=0.5, method="linear", step_deg=30.0),
+        "map": of.coverage_map(s, p_d=0.5),
     }
     nodes = {node.attributes["id"]: node for node in page.all("section")}
     assert list(nodes) == ["check", *answers, "again"]
@@ -364,7 +364,7 @@ def test_a_figure_that_cannot_be_drawn_leaves_nothing(tool, monkeypatch):
 )
 @pytest.mark.usefixtures("undrawn")
 def test_scenarios_in_which_something_has_no_answer(changes, options, monkeypatch):
-    def refuse(scenario, workers):
+    def refuse(scenario, **_):
         raise rs.InputError("no <map>")
 
     refuse.name = "map"
