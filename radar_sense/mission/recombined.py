@@ -60,9 +60,9 @@ CANDIDATES, SCREENING_LOOKS = 8, 8
 #: Draws of each radar in a replicate: LOOKS divided by all looks, within limits. The Markov chain
 #: of HISTORIES histories takes as long as P_D of a look.
 LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 4_000_000, 256, 8192, 256
-#: Draws of each radar for one path, and combinations of them, if there are several radars; and
-#: paths of a replicate, below which a path has fewer draws: one of all paths is beyond 3σ.
-DRAWS_PER_PATH, COMBINATIONS_PER_PATH, LEAST_PATHS = 8, 16, 128
+#: Draws of each radar for one path, and combinations of them, if there are several radars. With few
+#: draws in all a path has fewer of them, so that two of all paths are beyond 3σ.
+DRAWS_PER_PATH, COMBINATIONS_PER_PATH, FEW_DRAWS, LEAST_PATHS = 8, 16, 900, 180
 
 
 def recombined_missions(
@@ -134,7 +134,8 @@ class _Plan:
         # a whole number: a short window leaves the draws of the detection as they are
         work = 1 if m_of_n is None else 1 + 2 ** (m_of_n[1] - 1) // HISTORIES
         all_draws = int(np.clip(LOOKS / work / sum(map(len, looks.times)), MIN_DRAWS, MAX_DRAWS))
-        draws = min(DRAWS_PER_PATH, all_draws // LEAST_PATHS) if len(states) > 1 else 1
+        draws = DRAWS_PER_PATH if all_draws >= FEW_DRAWS else all_draws // LEAST_PATHS
+        draws = draws if len(states) > 1 else 1
         return cls(looks, m_of_n, states, screening, work, all_draws // draws, draws, ranks)
 
     def foresee(self, workers: int) -> None:
