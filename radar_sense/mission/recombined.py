@@ -134,7 +134,7 @@ class _Plan:
         # a whole number: a short window leaves the draws of the detection as they are
         work = 1 if m_of_n is None else 1 + 2 ** (m_of_n[1] - 1) // HISTORIES
         all_draws = int(np.clip(LOOKS / work / sum(map(len, looks.times)), MIN_DRAWS, MAX_DRAWS))
-        draws = DRAWS_PER_PATH if all_draws >= FEW_DRAWS else all_draws // LEAST_PATHS
+        draws = DRAWS_PER_PATH if all_draws >= FEW_DRAWS else max(1, all_draws // LEAST_PATHS)
         draws = draws if len(states) > 1 else 1
         return cls(looks, m_of_n, states, screening, work, all_draws // draws, draws, ranks)
 
