@@ -144,8 +144,8 @@ def _height(scenario: Scenario) -> Iterator[str]:
     if below.any() and scenario.origin is not None:
         yield warning(
             "below-ground",
-            f"the aircraft is below the ground, {lowest}: are altitudes in metres, and positive "
-            "upwards?",
+            f"the aircraft is below every radar and {lowest}, lower than any sea: are altitudes in "
+            "metres, and positive upwards?",
         )
     elif below.any():
         yield warning(

@@ -312,7 +312,8 @@ class _Search:
     def _relieves(self, names: tuple[str, ...]) -> bool:
         """Return whether draws find the limit exceeded by less with sources than without.
 
-        They do not if it is so at some pose alone: another pose is beyond the limit anyway.
+        One pose that is surely beyond the limit without the sources, and not surely less so with
+        them, is enough to say no: no factor helps there.
         """
         rows = self.rows(names, 0.0)
         without, of_it = self._excess(names, -np.inf, self.limit, MANY, rows)

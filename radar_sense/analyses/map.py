@@ -200,8 +200,8 @@ def coverage_map(
     place = _pose_in_words(result.summary)
     result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]
     for level, span in zip(contours, spans, strict=True):
-        share = " to ".join(dict.fromkeys(f"{100 * end / area_km2:.1f}" for end in span))
-        size = " to ".join(dict.fromkeys(f"{float(f'{end:.4g}'):,.10g}" for end in span))
+        share = " to ".join(dict.fromkeys(f"{100 * km2 / area_km2:.1f}" for km2 in span))
+        size = " to ".join(dict.fromkeys(f"{float(f'{km2:.4g}'):,.10g}" for km2 in span))
         result.report.append(f"  {level:.12g} or more in {most}{share} % of the area, {size} km^2")
     ends = " to ".join(map(probability, result.summary["route"]))
     by = ", by automatic" if end else ""

@@ -60,9 +60,9 @@ CANDIDATES, SCREENING_LOOKS = 8, 8
 #: Draws of each radar in a replicate: LOOKS divided by all looks, within limits. The Markov chain
 #: of HISTORIES histories takes as long as P_D of a look.
 LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 4_000_000, 256, 8192, 256
-#: Draws of each radar for one path, and combinations of them, if there are several radars. With few
-#: draws in all a path has fewer of them, so that two of all paths are beyond 3σ.
-DRAWS_PER_PATH, COMBINATIONS_PER_PATH, FEW_DRAWS, LEAST_PATHS = 8, 16, 900, 180
+#: Draws of each radar for one path, and combinations for each of them, if there are several radars.
+#: With few draws in all a path has fewer of them, so that two of all paths are beyond 3σ.
+DRAWS_PER_PATH, COMBINATIONS_PER_DRAW, FEW_DRAWS, LEAST_PATHS = 8, 2, 900, 180
 
 
 def recombined_missions(
@@ -143,7 +143,7 @@ class _Plan:
         looks, draws = sum(map(len, self.looks.times)), self.paths * self.draws
         evaluations = REPLICATES * draws * looks * self.work
         # P_D and tracks of all draws and of all combinations
-        memory = 8.0 * looks * draws * 2 * (1 + COMBINATIONS_PER_PATH / DRAWS_PER_PATH)
+        memory = 8.0 * looks * draws * 2 * (1 + COMBINATIONS_PER_DRAW)
         less = "a longer scan_period_s, or a shorter window"
         foresee(f"{looks:,} looks", evaluations, memory * workers, less=less, workers=workers)
 
@@ -161,7 +161,8 @@ class _Plan:
                 p_d.append(looks.p_d(len(p_d), poses, state.reshape(*shape, -1)))
                 weights.append(weight)
         if len(self.states) > 1:
-            picks, weight = combine(generator, weights, shape, COMBINATIONS_PER_PATH)
+            combinations = COMBINATIONS_PER_DRAW * self.draws
+            picks, weight = combine(generator, weights, shape, combinations)
         else:
             picks, weight = [np.arange(len(weight))] * len(p_d), weights[0]
         each = [self._events(p) for p in p_d]

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import platform
 import re
 import shlex
 import subprocess
@@ -206,6 +207,7 @@ def test_json(tool):
     assert found["seed"] == 0
     choices = {"level": "high", "runs": 40, "seed": 0, "method": "linear"}
     assert found["scenario"]["analysis"] == choices
+    assert found["versions"]["python"] == platform.python_version()
     assert found["versions"]["numpy"] == np.__version__
     assert found["versions"]["radar-sense"] == rs.__version__
     # The scenario in the record is one that makes the same results again.

@@ -100,6 +100,8 @@ def test_cells_and_bound_are_those_of_propagate(config, changes, reach, step, k,
         beyond = np.sign(k) * (distance - radar.max_range)
         crossed = (beyond > 0) & (beyond < error)
         assert np.any(np.sign(k) * (bound - true)[crossed] > 0.05)
+        rare = crossed & (beyond > 0.75 * error)  # more than 3 sigma away
+        assert np.any(np.sign(k) * (bound - true)[rare] > 1e-3)
     assert np.all(np.sign(k) * (bound - true)[crossed] >= -1e-7)
     known &= ~crossed
     np.testing.assert_allclose(bound[known], true[known], rtol=2e-7, atol=1e-12)
@@ -440,6 +442,9 @@ def test_a_map_warns_of_bounds_above_one_and_of_unreliable_bounds():
     assert any(
         "off in" in w and w.endswith("; use --method automatic [band-off]") for w in linear.warnings
     )
+    vague = scenario(**known_to(constant=100))
+    below = coverage_map(vague, **SMALL, lower=True, method="linear")
+    assert any("leaves [0, 1]" in w for w in below.warnings)
     probit = coverage_map(s, **SMALL, upper=True, method="probit")
     assert not any("leaves [0, 1]" in w for w in probit.warnings)
     assert probit.summary["shown"] == "upper_3sigma"
@@ -525,6 +530,28 @@ def test_errors_as_large_as_the_distance_are_no_limit():
     sides = {"step_km": 0.2, "north_km": (-1, 1), "east_km": (0.3, 0.9)}
     shown = coverage_map(s, lower=True, **sides).table["lower_3sigma"]
     assert np.nanmin(shown) > 0.999
+
+
+def test_no_lower_bound_is_above_p_d_where_draws_have_none(tmp_path):
+    """The curvature is too large for FORM: errors of 2 km at 5 km, above a steep beam."""
+    beam = ["-10,-12", "-4,-5", "-1,-0.5", "0,0", "2,-1", "8,-7", "30,-20"]
+    (tmp_path / "gain.csv").write_text("\n".join(["elevation_deg,gain_db", *beam]))
+    s = scenario(
+        radar={
+            "position_m": [0, 0, -160], "p_fa": 1e-8, "constant": 5.795e-8,
+            "detector": {"model": "swerling2", "pulses": 6},
+            "elevation_gain": {"file": str(tmp_path / "gain.csv")}, "tilt_deg": 7.98,
+        },
+        aircraft={
+            "rcs": {"model": "spikeball", "lobes": 6, "amplitude_m2": 1, "floor_m2": 0.1},
+            "attitude_deg": [-3.8, -2.4, 147.3],
+        },
+        geometry__down_km=-1.2,
+        **known_to(500, position_m=2000, tilt_deg=1.145),
+    )  # fmt: skip
+    sides = {"north_km": (-4.5, -4), "east_km": (2, 2.5), "step_km": 0.5}
+    table = coverage_map(s, lower=True, k=2.0, **sides).table
+    assert np.nanmax(table["lower_2sigma"] - table["p_d"]) < 1e-4
 
 
 def test_a_bound_that_is_shown_is_judged_where_the_moments_have_no_value():

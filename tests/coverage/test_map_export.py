@@ -13,6 +13,7 @@ import radar_sense as rs
 from radar_sense.analyses.map import coverage_map
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy
+from radar_sense.propagation import propagate_scenario
 
 pytestmark = pytest.mark.usefixtures("quick")
 
@@ -52,6 +53,16 @@ def test_cells_have_their_place(saved):
         np.testing.assert_allclose(poses[:, 1], east.ravel(), atol=0.02)
         p_d = scenario.model.p_d(poses, scenario.radar)
         np.testing.assert_allclose(data["p_d"].ravel(), p_d, atol=1e-5)
+
+
+def test_a_lower_bound_is_named_and_a_leg_has_the_least_of_its_poses(saved):
+    result = coverage_map(saved[0].scenario, lower=True, p_d=[0.2], **AREA)
+    features = json.loads(result.exports["geojson"](result))["features"]
+    names = [f["properties"]["name"] for f in features if f["properties"]["kind"] == "contour"]
+    assert names == ["P_D = 0.2", "lower 3-sigma bound of P_D = 0.2"]
+    lower = propagate_scenario(result.scenario, method="automatic").lower
+    legs = [f["properties"]["lower_3sigma"] for f in features if f["properties"]["kind"] == "route"]
+    np.testing.assert_array_equal(legs, np.minimum(lower[1:], lower[:-1]))
 
 
 def test_geojson_has_contours_radars_and_route(saved):

@@ -89,13 +89,15 @@ def test_radars_with_tolerances_of_their_own_are_drawn_apart(tmp_path):
         assert len(recombined._Plan.of(looks, None, RANKS).states) == 3
 
 
-def test_a_long_window_leaves_enough_paths_for_a_tail(tmp_path):
-    """The time of a track of twelve looks is saved at the draws of a path, and not at the paths."""
+@pytest.mark.parametrize(
+    ("of_all", "paths", "draws"), [(256, 256, 1), (370, 185, 2), (991, 123, 8)]
+)
+def test_many_looks_leave_enough_paths_for_a_tail(tmp_path, monkeypatch, of_all, paths, draws):
+    """Time is saved at the draws of a path, and not at the paths."""
     looks = Looks.of(load(tmp_path, ("one", "two", "three"), 60.0))
-    for window in (None, (3, 5), (3, 12), (3, 16)):
-        plan = recombined._Plan.of(looks, window, RANKS)
-        assert plan.paths >= 112
-        assert plan.draws in range(1, 9)
+    monkeypatch.setattr(recombined, "LOOKS", of_all * sum(map(len, looks.times)) + 1)
+    plan = recombined._Plan.of(looks, None, RANKS)
+    assert (plan.paths, plan.draws) == (paths, draws)
 
 
 @pytest.mark.parametrize(
