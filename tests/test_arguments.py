@@ -152,6 +152,10 @@ WRONG = {
     "decibels must be True or False, got nan": lambda: rs.Tolerance("a", 1, 1, 1, np.nan),
     "level must be one of low, medium, high, got array": lambda: scenario(level=np.zeros(2)),
     "level must be one of low, medium, high, got 0": lambda: scenario(level=0),
+    "level must be one of low, medium, high, got 'medum'; did": lambda: scenario(level="medum"),
+    "correlation_s must be a number not less than 0, or .inf, got nan": (
+        lambda: dataclasses.replace(PAPER, correlation_s=np.nan)
+    ),
     "correlation_s must be a number not less than 0, or .inf, got array": (
         lambda: scenario(correlation_s=np.zeros(2))
     ),
