@@ -82,7 +82,7 @@ class Decision:
         return int(np.argmax(self.probability))
 
     @property
-    def anywhere(self) -> tuple[float, float] | None:
+    def at_some_pose(self) -> tuple[float, float] | None:
         """Probability of P_D beyond the limit at some pose, and its standard error.
 
         It is by the runs, but no less than the highest at a pose, which draws may know better. It
@@ -212,7 +212,10 @@ class PathTest:
 
     @property
     def worst(self) -> int:
-        """A pose without a bound, or with the least margin; of several that of P_D itself."""
+        """A pose without a bound, or with the least margin.
+
+        Of poses with alike margins it is the one where P_D itself has the least margin.
+        """
         margin = np.nan_to_num(self.margin, nan=-np.inf)
         alike = margin <= margin.min() + min(ALIKE, ALIKE_PART * abs(margin.min()))
         return int(np.lexsort((self.requirement.margin(self.path.band.p_d), ~alike))[0])

@@ -22,7 +22,7 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.plausibility import height_of_option
 from radar_sense.propagation import AUTOMATIC, band_of_scenario, no_draws
-from radar_sense.propagation.automatic import ERRORS, LEAST_CHANGE, tolerance_of
+from radar_sense.propagation.automatic import ERRORS, least_off
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, POSITION, FloatArray, blocks
 from radar_sense.words import REMEDY, heading, placed, probability, warning
@@ -134,12 +134,13 @@ def coverage_map(
     k, contours, result = k or 3.0, sorted(set(p_d)), Result(scenario)
     end = "upper" if upper else "lower" if lower else ""
     add, column = result.table.add, f"{end}_{k:.12g}sigma" if end else "p_d"
+    beta = -k if lower else k
 
     def planes(cells: Grid) -> dict[str, Plane]:
         if worst_heading:
             largest, heading = worst_p_d_in_cells(cells, workers=workers)
             return {"p_d": largest, "worst_heading_deg": heading}
-        bounding, beta = method if end else None, -k if lower else k
+        bounding = method if end else None
         found = p_d_in_cells(cells, method=bounding, beta=beta, workers=workers)
         return dict(zip(("p_d", column), found, strict=False))
 
@@ -193,7 +194,7 @@ def coverage_map(
         "area_km2_at_or_above": areas,
         "route": [float(np.fmin.reduce(route)), float(np.fmax.reduce(route))],
     }
-    off = _off_by_draws(cells, method, k, end) if end else {}
+    off = _off_by_draws(cells, method, beta, end) if end else {}
     unknown = _unknown(cells, shown)
     most = {"high": "at most ", "low": "at least "}.get(" and ".join(off), "")  # none if both
     quantity = f"{end} {k:g}-sigma bound of P_D ({scenario.level}, {method})" if end else "P_D"
@@ -274,15 +275,15 @@ def _warnings(cells: Grid, shown: Plane, method: str, unknown: int) -> Iterator[
         )
 
 
-def _off_by_draws(cells: Grid, method: str, k: float, end: str) -> dict[str, str]:
+def _off_by_draws(cells: Grid, method: str, beta: float, end: str) -> dict[str, str]:
     """Return in how many of the sampled cells draws say that the bound is too low or too high."""
     sampled = (slice(None, None, -(-count // SAMPLED)) for count in cells.shape)
     checked = cells.scenario.at_states(cells.states(*sampled))
     # the bound alone is shown: it may have a value where the moments have none
-    shown = bound(checked, method, -k if end == "lower" else k)
-    by_draws = band_of_scenario(checked, method=AUTOMATIC, beta=k)
+    shown = bound(checked, method, beta)
+    by_draws = band_of_scenario(checked, method=AUTOMATIC, beta=abs(beta))
     true = getattr(by_draws, end)
-    allowed = np.maximum(tolerance_of(true), LEAST_CHANGE) + ERRORS * by_draws.error
+    allowed = least_off(true) + ERRORS * by_draws.error
     excess = {"low": true - shown, "high": shown - true}
     return {
         name: f"too {name} in {len(off)} of {shown.size} by up to {off.max():.2g}"

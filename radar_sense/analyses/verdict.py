@@ -155,8 +155,8 @@ def _summary(tested: PathTest, column: str) -> dict[str, Any]:
     }
     if not tested.path.resolved:
         return summary
-    if decision.anywhere is not None:
-        value, error = decision.anywhere
+    if decision.at_some_pose is not None:
+        value, error = decision.at_some_pose
         summary[f"probability_{where}_at_any_pose"] = {
             "value": value, "standard_error": error, "runs": runs.runs,
         }  # fmt: skip
@@ -277,13 +277,13 @@ def _probability_lines(tested: PathTest) -> list[str]:
     if len(axis) == 1 or not tested.path.resolved:
         return [line]
     line += "" if alike.all() else ", where it is highest"
-    if decision.anywhere is None:
+    if decision.at_some_pose is None:
         scenario = tested.path.scenario
         key = "uncertainty.aircraft_correlation_s (in Python Scenario.correlation_s)"
         missing = [] if scenario.correlation_s else [key]
         missing += ["a path with times"] if scenario.time_s is None else []
         return [line, f"P at some pose needs {' and '.join(missing)}"]
-    value, error = decision.anywhere
+    value, error = decision.at_some_pose
     line += (  # P_D of a run may be higher between two poses than at both
         f"; {words.probability(value)} +/- {error:.1g} at some pose of {len(axis)} "
         f"({runs.runs:,} runs, {_correlation(tested.path.scenario)})"

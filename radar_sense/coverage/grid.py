@@ -29,7 +29,7 @@ from radar_sense.model.radar import ALWAYS, NEVER, PERHAPS
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, METHODS
-from radar_sense.propagation.automatic import LEAST_CHANGE, tolerance_of
+from radar_sense.propagation.automatic import least_off
 from radar_sense.scenario import Scenario
 from radar_sense.search import golden_section
 from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray, blocks, slices
@@ -47,7 +47,8 @@ PER_LOBE = 6
 #: How far a maximum may be above the highest of three samples, in their second difference. A
 #: parabola rises by an eighth at most, lobes of several radars together by more.
 RISE = 0.5
-#: Part of the tail of a bound that errors may have which are left out beside a limit.
+#: Part of the tail of a bound. A limit that only rarer errors reach is left out: at 3σ one that is
+#: beyond 4.04σ. Without it a limit at 3.1σ would use up most of the tail unseen.
 SPARED = 0.02
 #: Maxima of z that differ by less than this are equal but for rounding. The heading is that of the
 #: first of them.
@@ -207,11 +208,10 @@ def p_d_in_cells(
 def bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
     """Return the bound of P_D (n,) at Φ(β) by a method, with limits that may be crossed.
 
-    A method leaves out that an error may bring the aircraft within or beyond the limits of a radar.
-    Where an error of the positions may, the radar has no limits in an upper bound, and does not see
-    the aircraft in a lower one. Farther errors have `SPARED` of the tail of the bound. By `form`
-    the band is too wide there. By `linear` and `probit` it may be too narrow: a further radar
-    raises P_D and lowers σ.
+    A method leaves out that an error may take the aircraft across a limit of a radar. Where errors
+    of the positions may do so, see `SPARED`, the radar has no limits in an upper bound, and does
+    not see the aircraft in a lower one. By `form` the band is too wide there. By `linear` and
+    `probit` it may be too narrow: a further radar raises P_D and lowers σ.
 
     A bound by `form` on the other side of P_D is by draws. It may be right, in a null of the RCS,
     or the curvature of P_D may be too large for FORM.
@@ -223,8 +223,7 @@ def bound(scenario: Scenario, method: str, beta: float) -> FloatArray:
     for rows, part in states.by_sight(sight):
         by_method = METHODS[method](part)
         bounds, p_d = by_method.quantile(beta), by_method.p_d
-        allowed = np.maximum(tolerance_of(p_d), LEAST_CHANGE)
-        beyond = np.flatnonzero(side * (p_d - bounds) > allowed)
+        beyond = np.flatnonzero(side * (p_d - bounds) > least_off(p_d))
         if len(beyond):
             bounds[beyond] = METHODS[AUTOMATIC](part.at(beyond)).quantile(beta)
         found[rows] = bounds

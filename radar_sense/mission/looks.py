@@ -67,13 +67,19 @@ class Looks:
             self.scenario.aircraft[:, np.newaxis], self.sqrt_cov, np.moveaxis(normals, 1, -1)
         )
 
-    def p_d(self, radar: int, poses: FloatArray, states: FloatArray) -> FloatArray:
-        """Return P_D (L, paths * draws) of the L looks of a radar, 0 to m − 1.
+    def p_d(
+        self,
+        radar: int,
+        poses: FloatArray,
+        states: FloatArray,
+        times: NDArray[np.intp] | None = None,
+    ) -> FloatArray:
+        """Return P_D (L, paths * draws) of a radar, 0 to m − 1, at its looks, or at some of them.
 
-        Aircraft states are (K, paths, 6), radar states (paths, draws, 7).
+        Aircraft states are (K, paths, 6), radar states (paths, draws, 7), times (L,) of 0 to K − 1.
         """
         station = self.scenario.radars[radar]
-        of_looks = poses[self.times[radar], :, np.newaxis]
+        of_looks = poses[self.times[radar] if times is None else times, :, np.newaxis]
         visible = station.visible(of_looks, states)
         p_d = np.zeros(visible.shape)
         seen = visible.any(axis=(1, 2))

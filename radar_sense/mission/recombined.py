@@ -40,7 +40,6 @@ from radar_sense.mission.bounds import (
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.tracks import event_probabilities, m_of_n_track
 from radar_sense.model.fusion import either
-from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.statistics import REPLICATES
@@ -61,8 +60,10 @@ CANDIDATES, SCREENING_LOOKS = 8, 8
 #: of HISTORIES histories takes as long as P_D of a look.
 LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 4_000_000, 256, 8192, 256
 #: Draws of each radar for one path, and combinations for each of them, if there are several radars.
-#: With few draws in all a path has fewer of them, so that two of all paths are beyond 3σ.
-DRAWS_PER_PATH, COMBINATIONS_PER_DRAW, FEW_DRAWS, LEAST_PATHS = 8, 2, 900, 180
+DRAWS_PER_PATH, COMBINATIONS_PER_DRAW = 8, 2
+#: With fewer draws than the first in all, a path has so few of them that there are as many paths as
+#: the second: two paths of all replicates are then beyond 3σ.
+FEW_DRAWS, LEAST_PATHS = 900, 180
 
 
 def recombined_missions(
@@ -134,8 +135,9 @@ class _Plan:
         # a whole number: a short window leaves the draws of the detection as they are
         work = 1 if m_of_n is None else 1 + 2 ** (m_of_n[1] - 1) // HISTORIES
         all_draws = int(np.clip(LOOKS / work / sum(map(len, looks.times)), MIN_DRAWS, MAX_DRAWS))
-        draws = DRAWS_PER_PATH if all_draws >= FEW_DRAWS else max(1, all_draws // LEAST_PATHS)
-        draws = draws if len(states) > 1 else 1
+        draws = 1
+        if len(states) > 1:
+            draws = DRAWS_PER_PATH if all_draws >= FEW_DRAWS else max(1, all_draws // LEAST_PATHS)
         return cls(looks, m_of_n, states, screening, work, all_draws // draws, draws, ranks)
 
     def foresee(self, workers: int) -> None:
@@ -196,11 +198,9 @@ class _Plan:
         draws = self.paths * self.draws
         normals, weight = widened_normals(generator, CANDIDATES * draws, states.radar_normals)
         by_radar = of_each(states.radars_at(normals), len(states.model.radars))
-        p_d = np.zeros(len(weight))
+        p_d, poses = np.zeros(len(weight)), self.looks.scenario.aircraft[:, np.newaxis]
         for i, own in enumerate(by_radar, start=first):
-            aircraft = self.looks.scenario.aircraft[self.screening[i], np.newaxis]
-            radar = NetworkModel(self.looks.scenario.radars[i : i + 1])
-            p_d += radar.p_d(aircraft, own).sum(axis=0)
+            p_d += self.looks.p_d(i, poses, own[np.newaxis], self.screening[i]).sum(axis=0)
         chosen, weight = choose(generator, p_d, weight, draws)
         return [own[chosen] for own in by_radar], weight
 

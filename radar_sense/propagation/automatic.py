@@ -104,6 +104,11 @@ def tolerance_of(probability: FloatArray) -> FloatArray:
     return np.minimum(PART_OF_BOUND * probability, BOUND_CHANGE)
 
 
+def least_off(probability: FloatArray) -> FloatArray:
+    """Return the distance (...) from a mean or a bound (...) above which a value is off."""
+    return np.maximum(tolerance_of(probability), LEAST_CHANGE)
+
+
 def _gradual(by_form: FloatArray, found: Estimate) -> FloatArray:
     """Return mean and σ (2, k) that change gradually from those of FORM to those of the draws.
 

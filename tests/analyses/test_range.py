@@ -580,7 +580,7 @@ DRAWN = {
     "a window of 6 km between the mask and the range": (
         {**BEHIND_A_MASK, "radar__constant": 3.6e-4, **known_to([0, 0, 30], constant=3.6e-5)},
         (2.8e4, 7.5e4), {"rel": 0.02}),
-    # the line of sight of the nominal states does not turn along the ray; that of a draw does
+    # along the ray the line of sight turns for a draw, but not for the nominal states
     "a lobe of a displaced aircraft": (
         {"beam": "-90,-40 -3,-20 0,0 3,-20 90,-40", "geometry__down_km": 0,
          "radar__constant": 3.4e-3, "radar__tilt_deg": 3,

@@ -41,7 +41,7 @@ def test_each_row_is_what_variance_says_of_the_value(options):
         pose = one.table["p_d"].tolist().index(extreme(one.table["p_d"]))
         assert found[f"{of}_p_d"][row] == one.table["p_d"][pose]
         for name in ("lower", "upper"):
-            if f"{name}_{k}sigma" in one.table:  # that of a threshold at another k has one alone
+            if f"{name}_{k}sigma" in one.table:  # with a threshold at another k there is one bound
                 assert found[name][row] == one.table[f"{name}_{k}sigma"][pose]
         assert found[f"{of}_{end}"][row] == extreme(bound)
         assert found["largest_three_sigma"][row] == 3 * one.table["sigma_pd"].max()

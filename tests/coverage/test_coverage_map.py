@@ -80,7 +80,7 @@ def test_cells_are_those_of_the_model():
     ],
 )
 def test_cells_and_bound_are_those_of_propagate(config, changes, reach, step, k, method):
-    """A negative k is that of a lower bound."""
+    """With a negative k the bound is the lower one."""
     s = rs.load_scenario(CONFIGS / f"{config}.yaml", changes)
     cells = area.grid(s, north_km=(-reach, reach), east_km=(10, reach + 10), step_km=step)
     p_d, bound = area.p_d_in_cells(cells, method=method, beta=k)

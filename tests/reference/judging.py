@@ -1,4 +1,4 @@
-"""Whether numbers and bounds of the package are those of the reference set."""
+"""Judges numbers and bounds of the package by the reference set."""
 
 from dataclasses import dataclass
 
